@@ -70,6 +70,7 @@ ROD_VELOCITY = _stream(channel.ROD_VELOCITY, "m/s")
 SLIDER_VELOCITY = _stream(channel.SLIDER_VELOCITY, "m/s")
 LOAD_FORCE = _stream(channel.LOAD_FORCE, "N")
 PERFORMANCE = Topic("performance", "imotor_msgs/msg/Performance", Intent.LATCHED)
+RECORDING = Topic("recording", "imotor_msgs/msg/RecordingState", Intent.LATCHED)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Intent.STATUS)
 
 ALL_TOPICS = (
@@ -89,7 +90,7 @@ ALL_TOPICS = (
     PERFORMANCE,
     DIAGNOSTICS,
 )
-"""Every topic; the place in this tuple is the rank that orders messages of the same time."""
+"""Every topic that a bag holds; the place in this tuple is the rank that orders messages of the same time."""
 
 MEASURED_TOPICS = (ROD_VELOCITY, SLIDER_VELOCITY, LOAD_FORCE, VOLTAGE_MONITOR, CURRENT)
 """What a driver publishes, and an evaluator needs."""
@@ -97,7 +98,7 @@ MEASURED_TOPICS = (ROD_VELOCITY, SLIDER_VELOCITY, LOAD_FORCE, VOLTAGE_MONITOR, C
 TRUTH_TOPICS = (TRUE_ROD_VELOCITY, TRUE_SLIDER_VELOCITY, TRUE_LOAD_FORCE)
 """What no instrument sees: from the virtual plant to the virtual instruments."""
 
-_BY_NAME = {topic.name: topic for topic in ALL_TOPICS}
+_BY_NAME = {topic.name: topic for topic in (*ALL_TOPICS, RECORDING)}
 
 
 def topic_named(name: str) -> Topic:

@@ -182,6 +182,31 @@ class Parameters:
                 error.what, where=f"{where}: {error.where}", value=error.value, bound=error.bound
             ) from error
 
+    @classmethod
+    def from_leaves(cls, leaves: Mapping[str, Any], where: str = "") -> Self:
+        """
+        Make parameters from dotted names, as `leaves` yields them.
+
+        Leaves of classes that a `choice` offers but that are not chosen are left out, so that
+        the leaves of all of them may be given, as `all_leaves` lists them.
+
+        Parameters
+        ----------
+        leaves : mapping
+            Values by dotted name, e.g. {"slider.mass": 0.007}.
+        where : str, optional
+            Name of the mapping, for errors.
+
+        Raises
+        ------
+        UnknownKeyError
+            If a name is not a parameter.
+        BadInputError
+            If a value has the wrong type or is out of bounds.
+
+        """
+        return cls.from_mapping(_nest(cls, leaves, where or cls.__name__), where)
+
     def to_mapping(self) -> dict[str, Any]:
         """Return a plain mapping from which `from_mapping` makes an equal object."""
         result: dict[str, Any] = {}
@@ -222,6 +247,74 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
 
+def all_leaves(
+    parameters_class: type[Parameters], prefix: str = ""
+) -> Iterator[tuple[str, Any, FieldInfo]]:
+    """
+    Yield dotted name, default and what is known of every parameter a class can have.
+
+    Where a key chooses between classes, the parameters of all of them are listed, each name
+    once; one that several classes have under the same name has no single default, and is
+    listed with that of the default class, or else with that of the first.
+    """
+    seen: set[str] = set()
+    for candidate in _with_every_choice(parameters_class):
+        for name, value, info in candidate.leaves(prefix):
+            if name not in seen:
+                seen.add(name)
+                yield name, value, info
+
+
+def _with_every_choice(parameters_class: type[Parameters]) -> Iterator[Parameters]:
+    yield parameters_class()
+    for field in dataclasses.fields(parameters_class):
+        info = field.metadata[_KEY]
+        if isinstance(info, _Group):
+            for inner_class in info.classes.values():
+                for inner in _with_every_choice(inner_class):
+                    yield parameters_class(**{field.name: inner})
+
+
+def _nest(cls: type[Parameters], leaves: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Turn dotted names into nested mappings, without the leaves of classes not chosen."""
+    fields = {field.name: field for field in dataclasses.fields(cls)}
+    nested: dict[str, Any] = {}
+    inner: dict[str, dict[str, Any]] = {}
+    for name, value in leaves.items():
+        head, _, rest = name.partition(".")
+        if head not in fields or bool(rest) != isinstance(fields[head].metadata[_KEY], _Group):
+            raise UnknownKeyError(
+                "is not a parameter",
+                where=f"{where}: {name}",
+                bound="one of " + ", ".join(n for n, _, _ in all_leaves(cls)),
+            )
+        if rest:
+            inner.setdefault(head, {})[rest] = value
+        else:
+            nested[head] = value
+    for head, values in inner.items():
+        nested[head] = _nest_group(fields[head], values, f"{where}: {head}")
+    return nested
+
+
+def _nest_group(field: dataclasses.Field[Any], values: dict[str, Any], where: str) -> Any:
+    group_info: _Group = field.metadata[_KEY]
+    if not group_info.key:
+        return _nest(group_info.classes[""], values, where)
+    chosen = values.pop(group_info.key, None) or _default_choice(field)
+    if chosen not in group_info.classes:
+        return {group_info.key: chosen, **values}
+    own = {name for name, _, _ in all_leaves(group_info.classes[chosen])}
+    others = {n for c in group_info.classes.values() for n, _, _ in all_leaves(c)} - own
+    kept = {name: value for name, value in values.items() if name not in others}
+    return {group_info.key: chosen, **_nest(group_info.classes[chosen], kept, where)}
+
+
+def _default_choice(field: dataclasses.Field[Any]) -> str:
+    default = cast("type[Parameters]", field.default_factory)
+    return next(k for k, c in field.metadata[_KEY].classes.items() if c is default)
+
+
 def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
     info = field.metadata[_KEY]
     if isinstance(info, FieldInfo):
@@ -232,8 +325,7 @@ def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
         return info.classes[""].from_mapping(value, where)
     if not isinstance(value, Mapping):
         raise BadInputError("is not a mapping", where=where, value=value)
-    default = cast("type[Parameters]", field.default_factory)
-    chosen = value.get(info.key, next(k for k, c in info.classes.items() if c is default))
+    chosen = value.get(info.key, _default_choice(field))
     if chosen not in info.classes:
         raise BadInputError(
             "is not a choice",
