@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -133,6 +133,61 @@ class DriveProgram:
             if segment.label == label:
                 return start, start + segment.length
         raise BadInputError("no such segment", where=f"drive program {self.run_id}", value=label)
+
+    def stopped_at(
+        self, index: int, ramp_length: int | None = None, release_length: int | None = None
+    ) -> DriveProgram:
+        """
+        Return the program cut at sample `index` and brought to 0 V from there.
+
+        The amplitudes go to zero linearly during "ramp_down", then the offset during "release".
+        A program that would end sooner by itself is returned as it is.
+
+        Parameters
+        ----------
+        index : int
+            First sample that differs from this program's, from 0 to `length`.
+        ramp_length, release_length : int, optional
+            Samples of the two segments; by default those of the last two segments.
+
+        Raises
+        ------
+        BadInputError
+            If `index` lies outside the program.
+
+        """
+        if not 0 <= index <= self.length:
+            raise BadInputError(
+                "is outside the program", where="index", value=index, bound=f"0 to {self.length}"
+            )
+        ramp = ramp_length or self.segments[-2 if len(self.segments) > 1 else -1].length
+        release = release_length or self.segments[-1].length
+        if index + ramp + release >= self.length:
+            return self
+        place = next(i for i in range(len(self.segments)) if index < self._starts[i + 1])
+        cut = self.segments[place]
+        share = (index - self._starts[place]) / cut.length
+        frequency = cut.start_frequency + (cut.end_frequency - cut.start_frequency) * share
+        offset = cut.start_offset + (cut.end_offset - cut.start_offset) * share
+        pairs = zip(cut.start_amplitudes, cut.end_amplitudes, strict=True)
+        amplitudes = tuple(start + (end - start) * share for start, end in pairs)
+        zero = (0.0,) * len(amplitudes)
+        kept = list(self.segments[:place])
+        if share > 0.0:
+            kept.append(
+                replace(
+                    cut,
+                    length=index - self._starts[place],
+                    end_frequency=frequency,
+                    end_offset=offset,
+                    end_amplitudes=amplitudes,
+                )
+            )
+        down = DriveSegment(
+            "ramp_down", ramp, frequency, frequency, offset, offset, amplitudes, zero, cut.phases
+        )
+        off = DriveSegment("release", release, 0.0, 0.0, offset, 0.0, zero, zero, cut.phases)
+        return replace(self, segments=(*kept, down, off))
 
     @cached_property
     def _start_cycles(self) -> tuple[float, ...]:

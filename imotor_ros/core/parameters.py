@@ -193,7 +193,7 @@ class Parameters:
         Parameters
         ----------
         leaves : mapping
-            Values by dotted name, e.g. {"slider.mass": 0.007}.
+            Values by dotted name, e.g. {"slider.mass": 0.007}; None leaves the default.
         where : str, optional
             Name of the mapping, for errors.
 
@@ -254,25 +254,29 @@ def all_leaves(
     Yield dotted name, default and what is known of every parameter a class can have.
 
     Where a key chooses between classes, the parameters of all of them are listed, each name
-    once; one that several classes have under the same name has no single default, and is
-    listed with that of the default class, or else with that of the first.
+    once and with the default None: what it is depends on the choice.
     """
-    seen: set[str] = set()
-    for candidate in _with_every_choice(parameters_class):
-        for name, value, info in candidate.leaves(prefix):
-            if name not in seen:
-                seen.add(name)
-                yield name, value, info
-
-
-def _with_every_choice(parameters_class: type[Parameters]) -> Iterator[Parameters]:
-    yield parameters_class()
+    own = parameters_class()
     for field in dataclasses.fields(parameters_class):
         info = field.metadata[_KEY]
-        if isinstance(info, _Group):
-            for inner_class in info.classes.values():
-                for inner in _with_every_choice(inner_class):
-                    yield parameters_class(**{field.name: inner})
+        name = prefix + field.name
+        if isinstance(info, FieldInfo):
+            yield name, getattr(own, field.name), info
+        elif not info.key:
+            yield from all_leaves(info.classes[""], name + ".")
+        else:
+            options = FieldInfo(f"which {field.name}", options=tuple(info.classes))
+            yield f"{name}.{info.key}", _default_choice(field), options
+            yield from _leaves_of_choices(info, name + ".")
+
+
+def _leaves_of_choices(info: _Group, prefix: str) -> Iterator[tuple[str, Any, FieldInfo]]:
+    seen: set[str] = set()
+    for inner in info.classes.values():
+        for name, _, leaf in all_leaves(inner, prefix):
+            if name not in seen:
+                seen.add(name)
+                yield name, None, leaf
 
 
 def _nest(cls: type[Parameters], leaves: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -281,6 +285,8 @@ def _nest(cls: type[Parameters], leaves: Mapping[str, Any], where: str) -> dict[
     nested: dict[str, Any] = {}
     inner: dict[str, dict[str, Any]] = {}
     for name, value in leaves.items():
+        if value is None:
+            continue
         head, _, rest = name.partition(".")
         if head not in fields or bool(rest) != isinstance(fields[head].metadata[_KEY], _Group):
             raise UnknownKeyError(

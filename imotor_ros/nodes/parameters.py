@@ -22,8 +22,8 @@ class ParameterBinding(Generic[P]):
     Ties the ROS parameters of a node to one parameter class.
 
     Every leaf of the class becomes a ROS parameter of the same dotted name; where a key
-    chooses between classes, the leaves of all of them are declared, and those of the classes
-    not chosen are ignored. Values are checked by the class itself, at start and at each change.
+    chooses between classes, the leaves of all of them are declared, not set, which means the
+    default of the class chosen; those of the classes not chosen are ignored. Values are checked by the class itself, at start and at each change.
 
     Parameters
     ----------

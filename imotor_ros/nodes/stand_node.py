@@ -1,0 +1,393 @@
+"""What all nodes of the stand have in common: lifecycle, streams, peers, faults, diagnostics."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Generic, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.duration import Duration
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.publisher import Publisher
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+
+from imotor_ros.contracts.blocks import SampleBlock
+from imotor_ros.contracts.messages import block_from_message, block_to_message
+from imotor_ros.contracts.topics import DEFAULT_NAMESPACE, DIAGNOSTICS, Intent, Topic
+from imotor_ros.core.parameters import Parameters, parameter
+from imotor_ros.errors import BadInputError, DeadlineError, ImotorError
+from imotor_ros.nodes.message_types import RclpyTypes, message_class
+from imotor_ros.nodes.parameters import ParameterBinding
+from imotor_ros.nodes.qos import qos_profile
+
+
+@dataclass(frozen=True)
+class NodeParameters(Parameters):
+    """Parameters that every node of the stand has."""
+
+    match_timeout: float = parameter(
+        15.0, "longest wait for the peers at activation", unit="s", low=0.0, high=3600.0
+    )
+    publish_timeout: float = parameter(
+        30.0, "longest wait for a slow reader of a stream", unit="s", low=0.0, high=3600.0
+    )
+    expected_readers: str = parameter(
+        "", 'readers to wait for at activation, e.g. "drive/voltage=2"; where not named, one'
+    )
+
+    @property
+    def reader_counts(self) -> dict[str, int]:
+        """Number of readers to wait for, by topic."""
+        pairs = (item.partition("=") for item in self.expected_readers.split())
+        return {topic: int(count) for topic, _, count in pairs}
+
+    def check(self) -> None:
+        """Check the form of `expected_readers`."""
+        for item in self.expected_readers.split():
+            topic, _, count = item.partition("=")
+            if not topic or not count.isdigit():
+                raise BadInputError(
+                    "does not parse",
+                    where="expected_readers",
+                    value=item,
+                    bound='a list like "drive/voltage=2 load/force=1"',
+                )
+
+
+P = TypeVar("P", bound=NodeParameters)
+
+
+class StandNode(LifecycleNode, Generic[P]):
+    """
+    A lifecycle node of the stand.
+
+    Derived classes extend `configure`, `activate`, `deactivate` and `cleanup`, which raise an
+    `ImotorError` where they cannot do what is asked: the transition then fails, and the reason
+    is logged and shown in the diagnostics.
+
+    Parameters
+    ----------
+    role : str
+        Default name of the node.
+    parameters_class : type
+        Parameter class of the node.
+    context : Context, optional
+        rclpy context.
+    **options
+        Passed on to `rclpy.lifecycle.LifecycleNode`.
+
+    """
+
+    def __init__(
+        self, role: str, parameters_class: type[P], *, context: Context | None = None, **options: Any
+    ) -> None:
+        options.setdefault("namespace", DEFAULT_NAMESPACE)
+        super().__init__(role, context=context, **options)
+        self.types = RclpyTypes()
+        self.binding = ParameterBinding(self, parameters_class)
+        self.fault = ""
+        self.is_active = False
+        self._stream_publishers: dict[str, Publisher] = {}
+        self._stream_subscriptions: dict[str, Subscription] = {}
+        self._other_endpoints: list[Publisher | Subscription] = []
+        self._diagnostics = self.create_publisher(
+            DiagnosticArray, DIAGNOSTICS.name, qos_profile(DIAGNOSTICS)
+        )
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics_timer = self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+
+    @property
+    def parameters(self) -> P:
+        """The parameters as they are now."""
+        return self.binding.value
+
+    # ---- for derived classes -------------------------------------------------------------
+
+    def configure(self) -> None:
+        """Make the core objects and the endpoints."""
+
+    def activate(self) -> None:
+        """Begin to work; all peers are there."""
+
+    def deactivate(self) -> None:
+        """Stop working; whatever is under way is brought to its end."""
+
+    def cleanup(self) -> None:
+        """Let go of what `configure` made; the endpoints go by themselves."""
+
+    def finish(self) -> None:
+        """Bring open work to its end because the process is about to end."""
+
+    def status_values(self) -> dict[str, object]:
+        """Return what the diagnostics show beside the state."""
+        return {}
+
+    def subject(self, topic: Topic) -> str:
+        """Return a topic's name below the namespace after remapping, e.g. "slider/velocity"."""
+        resolved = str(self.resolve_topic_name(topic.name))
+        return resolved.removeprefix(self.get_namespace().rstrip("/") + "/")
+
+    def add_publisher(self, topic: Topic) -> Publisher:
+        """Create the publisher of a topic; it lives until clean-up."""
+        publisher = self.create_publisher(
+            message_class(topic.type_name), topic.name, qos_profile(topic)
+        )
+        if topic.intent is Intent.STREAM:
+            self._stream_publishers[self.subject(topic)] = publisher
+        else:
+            self._other_endpoints.append(publisher)
+        return publisher
+
+    def add_subscription(
+        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+    ) -> Subscription:
+        """Subscribe to a topic until clean-up; what the callback raises becomes a fault."""
+        subscription = self.create_subscription(
+            message_class(topic.type_name),
+            topic.name,
+            self._guarded(callback),
+            qos_profile(topic),
+            raw=raw,
+        )
+        if topic.intent is Intent.STREAM:
+            self._stream_subscriptions[self.subject(topic)] = subscription
+        else:
+            self._other_endpoints.append(subscription)
+        return subscription
+
+    def add_block_subscription(
+        self, topic: Topic, callback: Callable[[SampleBlock], None]
+    ) -> Subscription:
+        """Subscribe to a stream of samples until clean-up."""
+        return self.add_subscription(topic, lambda message: callback(block_from_message(message)))
+
+    def publish_block(self, block: SampleBlock) -> None:
+        """Publish a block on the topic of its stream; see `publish`."""
+        self.publish(self._stream_publishers[block.stream], block_to_message(self.types, block))
+
+    def publish(self, publisher: Publisher, message: Any) -> None:
+        """
+        Publish a message, waiting for slow readers.
+
+        Raises
+        ------
+        DeadlineError
+            If a reader takes nothing for `publish_timeout`.
+
+        """
+        deadline = time.monotonic() + self.parameters.publish_timeout
+        while True:
+            try:
+                publisher.publish(message)
+            except RCLError as error:  # the histories of both sides are full
+                if time.monotonic() > deadline:
+                    awaited = f"a reader of {publisher.topic_name} to take samples"
+                    raise DeadlineError(awaited, self.parameters.publish_timeout) from error
+            else:
+                return
+
+    def set_fault(self, reason: str) -> None:
+        """Enter a fault: log it and show it in the diagnostics at once."""
+        if not self.fault:
+            self.fault = reason
+            self.get_logger().error(reason)
+            self._publish_diagnostics()
+
+    # ---- lifecycle -----------------------------------------------------------------------
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run `configure`; the endpoints of a failed attempt are taken down again."""
+        self.fault = ""
+        done = self._attempt("configure", self.configure)
+        if done is not TransitionCallbackReturn.SUCCESS:
+            self._destroy_endpoints()
+        return done
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Wait for the peers, then run `activate`."""
+
+        def start() -> None:
+            self.wait_for_peers()
+            self.activate()
+            self.is_active = True
+            self.binding.is_locked = True
+
+        return self._attempt("activate", start)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run `deactivate`, and see that what was sent is received."""
+
+        def stop() -> None:
+            self.is_active = False
+            self.binding.is_locked = False
+            self.deactivate()
+            self._flush()
+
+        return self._attempt("deactivate", stop)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Run `cleanup` and take the endpoints down."""
+
+        def clean() -> None:
+            self.cleanup()
+            self._destroy_endpoints()
+
+        return self._attempt("clean up", clean)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Bring open work to its end."""
+        return self._attempt("shut down", self.finish)
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go back to unconfigured after an error."""
+        self._destroy_endpoints()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
+        # rclpy swallows exceptions in transitions without a trace: report them here
+        try:
+            action()
+        except ImotorError as error:
+            self.set_fault(f"cannot {what}: {error}")
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            self.set_fault(f"cannot {what}:\n{traceback.format_exc()}")
+            return TransitionCallbackReturn.ERROR
+        self._publish_diagnostics()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _guarded(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        def call(message: Any) -> None:
+            if self.fault:
+                return
+            try:
+                callback(message)
+            except ImotorError as error:
+                self.on_fault(str(error))
+            except Exception:
+                self.on_fault(traceback.format_exc())
+
+        return call
+
+    def on_fault(self, reason: str) -> None:
+        """Handle what a callback raised; derived classes may tell their peers."""
+        self.set_fault(reason)
+
+    def _destroy_endpoints(self) -> None:
+        for endpoint in (
+            *self._stream_publishers.values(),
+            *self._stream_subscriptions.values(),
+            *self._other_endpoints,
+        ):
+            destroy = (
+                self.destroy_publisher
+                if isinstance(endpoint, Publisher)
+                else self.destroy_subscription
+            )
+            destroy(endpoint)
+        self._stream_publishers.clear()
+        self._stream_subscriptions.clear()
+        self._other_endpoints.clear()
+
+    # ---- peers ---------------------------------------------------------------------------
+
+    def wait_for_peers(self) -> None:
+        """
+        Wait until every stream has its readers and its writer: earlier blocks would be lost.
+
+        Raises
+        ------
+        DeadlineError
+            If they are not all there within `match_timeout`.
+
+        """
+        deadline = time.monotonic() + self.parameters.match_timeout
+        while missing := self._missing_peer():
+            if time.monotonic() > deadline:
+                raise DeadlineError(missing, self.parameters.match_timeout)
+            time.sleep(0.005)
+
+    def _missing_peer(self) -> str:
+        counts = self.parameters.reader_counts
+        for name, publisher in self._stream_publishers.items():
+            wanted, found = counts.get(name, 1), publisher.get_subscription_count()
+            if found < wanted:
+                return f"{wanted} reader(s) of {name} (found {found})"
+        for name, subscription in self._stream_subscriptions.items():
+            if subscription.get_publisher_count() < 1:
+                return f"a writer of {name}"
+        return ""
+
+    def _flush(self) -> None:
+        for publisher in self._stream_publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=self.parameters.publish_timeout))
+
+    # ---- diagnostics ---------------------------------------------------------------------
+
+    def _publish_diagnostics(self) -> None:
+        status = DiagnosticStatus()
+        status.name = f"{self.get_fully_qualified_name().lstrip('/')}: run"
+        status.hardware_id = "virtual"
+        status.level = DiagnosticStatus.ERROR if self.fault else DiagnosticStatus.OK
+        status.message = self.fault or ("active" if self.is_active else "ready")
+        values = self.status_values()
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        message = DiagnosticArray(status=[status])
+        message.header.stamp = self.get_clock().now().to_msg()
+        try:
+            self._diagnostics.publish(message)
+        except RCLError:
+            self.get_logger().warning("diagnostics could not be published")
+
+
+def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None = None) -> int:
+    """
+    Run one node until SIGINT or SIGTERM, let it finish its work, and return the exit code.
+
+    Parameters
+    ----------
+    factory : callable
+        Makes the node; called with `context`.
+    arguments : list of str, optional
+        Command line; by default that of the process.
+
+    """
+    stopped_by: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda received, _frame: stopped_by.append(received))
+    context = Context()
+    rclpy.init(
+        args=sys.argv if arguments is None else arguments,
+        context=context,
+        signal_handler_options=SignalHandlerOptions.NO,
+    )
+    try:
+        node = factory(context=context)
+    except ImotorError as error:
+        print(f"error: {error}", file=sys.stderr, flush=True)
+        context.try_shutdown()
+        return 2 if isinstance(error, BadInputError) else 1
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(node)
+    try:
+        while not stopped_by:
+            executor.spin_once(timeout_sec=0.1)
+    except ExternalShutdownException:
+        pass
+    finally:
+        node.finish()
+        executor.shutdown(timeout_sec=1.0)
+        node.destroy_node()
+        context.try_shutdown()
+    return 0
