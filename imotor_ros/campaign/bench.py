@@ -1,0 +1,66 @@
+"""What a bench is: something that carries out runs, and tells what happens as it does."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Protocol, Self
+
+from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.core.indicators import Performance
+
+
+@dataclass(frozen=True)
+class PhaseEntered:
+    """A run has come to a new phase, e.g. "nodes start"."""
+
+    phase: str
+
+
+@dataclass(frozen=True)
+class DriveAdvanced:
+    """The plant has consumed so many of all the samples of the run."""
+
+    consumed: int
+    length: int
+
+
+@dataclass(frozen=True)
+class PerformanceReported:
+    """The evaluator has given its indicators, provisional or final."""
+
+    performance: Performance
+
+
+RunEvent = PhaseEntered | DriveAdvanced | PerformanceReported
+
+
+class Bench(Protocol):
+    """Carries out runs; a context manager, so that nothing is left behind."""
+
+    name: str
+
+    def __enter__(self) -> Self:
+        """Make ready."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop everything."""
+
+    def run(self, plan: RunPlan) -> Iterator[RunEvent]:
+        """
+        Carry out one run and yield what happens; the last event is the final performance.
+
+        The bag is closed and readable when the iteration ends, however it ends.
+
+        Raises
+        ------
+        RunError
+            If the run does not reach its end.
+
+        """

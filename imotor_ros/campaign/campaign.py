@@ -1,0 +1,173 @@
+"""A campaign: a named list of points, read from YAML."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from imotor_ros.campaign.point import PointParameters
+from imotor_ros.core.parameters import all_leaves
+from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
+
+_KEYS = ("name", "description", "stand", "point", "sweep", "points")
+
+
+@dataclass(frozen=True)
+class NamedPoint:
+    """A point and its name, which is also that of its folder."""
+
+    name: str
+    parameters: PointParameters
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """
+    What to measure: a value that does nothing by itself.
+
+    Attributes
+    ----------
+    name, description : str
+        Name, also that of the results, and a sentence on its purpose.
+    points : tuple of NamedPoint
+        The runs, in order.
+
+    """
+
+    name: str
+    description: str
+    points: tuple[NamedPoint, ...]
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return a mapping from which `campaign_from_mapping` makes an equal campaign."""
+        return {
+            "name": self.name,
+            "description": self.description,
+            "points": [
+                {"name": point.name, **point.parameters.to_mapping()} for point in self.points
+            ],
+        }
+
+
+def read_yaml(path: Path) -> Any:
+    """
+    Read a YAML file.
+
+    Raises
+    ------
+    UnreadableFileError
+        If it is missing or does not parse.
+
+    """
+    try:
+        return yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise UnreadableFileError(error.strerror or str(error), where=str(path)) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        text = " ".join(str(error).split())
+        raise UnreadableFileError(f"does not parse: {text}", where=str(path)) from error
+
+
+def load_campaign(path: Path) -> Campaign:
+    """
+    Read a campaign from a YAML file.
+
+    The file holds ``name``, ``description``, optionally ``stand`` (a YAML file beside it with
+    the parameters of the stand), ``point`` (what all points have in common), ``sweep`` (lists of
+    values by dotted name: every combination is a point) and ``points`` (single points, each with
+    what is special in it).
+
+    Raises
+    ------
+    UnreadableFileError
+        If a file is missing or does not parse.
+    BadInputError
+        If a key is unknown or a value not accepted.
+
+    """
+    mapping = read_yaml(path)
+    if isinstance(mapping, Mapping) and isinstance(mapping.get("stand"), str):
+        stand_path = path.parent / mapping["stand"]
+        mapping = {**mapping, "stand": read_yaml(stand_path)}
+    return campaign_from_mapping(mapping, str(path))
+
+
+def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
+    """
+    Make a campaign from a plain mapping; see `load_campaign` for its keys.
+
+    Raises
+    ------
+    BadInputError
+        If a key is unknown or a value not accepted.
+
+    """
+    if not isinstance(mapping, Mapping):
+        raise BadInputError("is not a mapping", where=where, value=mapping)
+    for key in mapping:
+        if key not in _KEYS:
+            raise UnknownKeyError(
+                "is not a key of a campaign",
+                where=f"{where}: {key}",
+                bound="one of " + ", ".join(_KEYS),
+            )
+    common = dict(_flatten(mapping.get("point") or {}, f"{where}: point"))
+    stand = _flatten(mapping.get("stand") or {}, f"{where}: stand")
+    common.update({f"stand.{name}": value for name, value in stand})
+    combinations = _combinations(mapping.get("sweep") or {}, f"{where}: sweep")
+    single = mapping.get("points") or [{}]
+    points = [
+        _point({**common, **swept, **dict(_flatten(extra, f"{where}: points"))}, swept, where)
+        for extra in single
+        for swept in combinations
+    ]
+    return Campaign(
+        name=str(mapping.get("name", "campaign")),
+        description=str(mapping.get("description", "")),
+        points=tuple(_unique(points)),
+    )
+
+
+def _flatten(mapping: Any, where: str, prefix: str = "") -> Iterable[tuple[str, Any]]:
+    if not isinstance(mapping, Mapping):
+        raise BadInputError("is not a mapping", where=where, value=mapping)
+    for key, value in mapping.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, where, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _combinations(sweep: Any, where: str) -> list[dict[str, Any]]:
+    if not isinstance(sweep, Mapping):
+        raise BadInputError("is not a mapping", where=where, value=sweep)
+    for name, values in sweep.items():
+        if not isinstance(values, list) or not values:
+            raise BadInputError("is not a list of values", where=f"{where}: {name}", value=values)
+    product = itertools.product(*sweep.values())
+    return [dict(zip(sweep.keys(), values, strict=True)) for values in product]
+
+
+def _point(leaves: dict[str, Any], swept: Mapping[str, Any], where: str) -> NamedPoint:
+    name = leaves.pop("name", "") or "_".join(
+        f"{key.rpartition('.')[2]}-{value}" for key, value in swept.items()
+    )
+    known = {leaf for leaf, _, _ in all_leaves(PointParameters)}
+    for leaf in leaves:
+        if leaf not in known:
+            raise UnknownKeyError("is not a parameter of a point", where=f"{where}: {leaf}")
+    return NamedPoint(str(name) or "point", PointParameters.from_leaves(leaves, where))
+
+
+def _unique(points: list[NamedPoint]) -> Iterable[NamedPoint]:
+    taken: dict[str, int] = {}
+    for point in points:
+        name = "".join(c if c.isalnum() or c in "-_." else "-" for c in point.name)
+        taken[name] = taken.get(name, 0) + 1
+        suffix = f"_{taken[name]}" if taken[name] > 1 else ""
+        yield NamedPoint(name + suffix, point.parameters)

@@ -1,0 +1,117 @@
+"""From a point to all that a bench needs: run id, drive program, folder, provenance."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from imotor_ros.campaign.campaign import NamedPoint
+from imotor_ros.campaign.point import PointParameters
+from imotor_ros.core.drive import DriveProgram, steady_drive
+from imotor_ros.core.excitation import voltage_for_motion
+from imotor_ros.core.motor import VirtualMotor
+
+VIRTUAL_EPOCH = 946_684_800 * 1_000_000_000
+"""Time of sample 0 of a run on the virtual stand: 2000-01-01 UTC (ns since 1970).
+
+A fixed time, so that the same seed gives the same messages byte for byte; when the run really
+took place stands in its provenance.
+"""
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """
+    One run, ready to be carried out by any bench.
+
+    Attributes
+    ----------
+    name : str
+        Name of the point.
+    parameters : PointParameters
+        The point.
+    program : DriveProgram
+        What to play.
+    directory : Path
+        Folder for the bag and the logs of this run.
+    provenance : mapping
+        Versions, host and start of the run, for the bag.
+
+    """
+
+    name: str
+    parameters: PointParameters
+    program: DriveProgram
+    directory: Path
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def bag_path(self) -> Path:
+        """Folder of the run's bag."""
+        return self.directory / "bag"
+
+    @property
+    def run_info(self) -> dict[str, Any]:
+        """All that is needed to repeat the run, as plain JSON."""
+        return {
+            "run_id": self.program.run_id,
+            "point": self.name,
+            "parameters": self.parameters.to_mapping(),
+            "provenance": dict(self.provenance),
+        }
+
+
+def run_id_of(point: NamedPoint) -> str:
+    """Return the run's id: the point's name and a digest of its parameters, seed included."""
+    text = json.dumps(point.parameters.to_mapping(), sort_keys=True)
+    return f"{point.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
+
+
+def plan_run(
+    point: NamedPoint, directory: Path, provenance: Mapping[str, Any] | None = None
+) -> RunPlan:
+    """
+    Return the plan of a point's run.
+
+    The drive voltage is that which gives the wanted rod motion with the motor's linear response.
+
+    Raises
+    ------
+    BadInputError
+        If the motion cannot be driven.
+
+    """
+    return RunPlan(
+        point.name,
+        point.parameters,
+        drive_program(point.parameters, run_id_of(point)),
+        directory,
+        provenance or {},
+    )
+
+
+def drive_program(parameters: PointParameters, run_id: str) -> DriveProgram:
+    """Return the drive program of a point; see `plan_run`."""
+    motion = parameters.signal.motion
+    rate = parameters.stand.sample_rate
+    motor = VirtualMotor(parameters.stand.motor, rate, parameters.seed)
+    amplitudes, phases = voltage_for_motion(motion, motor.displacement_response)
+    drive = parameters.drive
+    return steady_drive(
+        run_id=run_id,
+        epoch=VIRTUAL_EPOCH,
+        sample_rate=rate,
+        fundamental_frequency=motion.fundamental_frequency,
+        offset=drive.offset,
+        amplitudes=amplitudes,
+        phases=phases,
+        hold_time=drive.hold_time,
+        bias_time=drive.bias_time,
+        ramp_periods=drive.ramp_periods,
+        motion_amplitudes=motion.amplitudes,
+        motion_phases=motion.phases,
+    )
