@@ -1,0 +1,61 @@
+"""What virtual instruments have in common as nodes: truth in, a measured channel out."""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+from rclpy.publisher import Publisher
+
+from imotor_ros.campaign.roles import InstrumentRole
+from imotor_ros.contracts.blocks import SampleBlock
+from imotor_ros.contracts.messages import channel_to_message
+from imotor_ros.contracts.topics import CHANNELS, Topic
+from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.force_sensor import ForceSensorParameters
+from imotor_ros.core.vibrometer import VibrometerParameters
+from imotor_ros.nodes.run_follower import RunFollowerNode
+from imotor_ros.nodes.stand_node import NodeParameters
+
+P = TypeVar("P", bound=NodeParameters)
+
+
+class InstrumentNode(RunFollowerNode[P]):
+    """
+    Measures one stream of truth.
+
+    Derived classes name the two topics as they are before remapping, and give the parameters
+    of the instrument.
+    """
+
+    truth_topic: Topic
+    measured_topic: Topic
+    _role: InstrumentRole | None = None
+    _channels: Publisher | None = None
+
+    def instrument_parameters(self) -> VibrometerParameters | ForceSensorParameters:
+        """Return the parameters of the instrument."""
+        raise NotImplementedError
+
+    def seed(self) -> int:
+        """Return the seed of the run."""
+        raise NotImplementedError
+
+    def configure(self) -> None:
+        """Make the endpoints."""
+        self.follow_run()
+        self.add_publisher(self.measured_topic)
+        self._channels = self.add_publisher(CHANNELS)
+        self.follow_stream(self.truth_topic)
+
+    def begin_run(self, program: DriveProgram) -> None:
+        """Make the instrument ready, and say what its channel is."""
+        name = self.subject(self.measured_topic)
+        self._role = InstrumentRole(self.instrument_parameters(), name, self.seed(), program)
+        for channel in self._role.channels:
+            message = channel_to_message(self.types, channel, program.run_id, program.epoch)
+            self.publish(self._channels, message)
+
+    def process_block(self, block: SampleBlock) -> None:
+        """Measure a block."""
+        assert self._role is not None
+        self.publish_block(self._role.process(block))
