@@ -1,0 +1,326 @@
+"""
+One step of the slider's motion as a power series in time: compiled code for both solvers.
+
+Between two events (a change between sticking and sliding, or at an end stop) the motion is
+analytic, and its Taylor coefficients follow from each other. `advance` builds them, chooses how
+far they hold, finds the first event before that, and goes there. The event polynomials are
+searched by `polynomial.first_root`, which misses none. A root at which a stretch starts is taken
+out of its polynomial, so that no event is found twice: the cause of stalls in event solvers.
+
+Equations (1) to (5) of the paper; x slider position, v slider velocity, w = v_R - v relative
+velocity, L load force, N friction force that sticking needs.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+
+from imotor_ros.core.friction import FrictionNumbers
+from imotor_ros.core.polynomial import (
+    evaluate,
+    first_crossing,
+    integral,
+    root_workspace,
+    slope,
+)
+from imotor_ros.core.slider import LoadNumbers
+
+# Entries of the constants array.
+MASS, FORCE, SLOPE, EXCESS, DECAY, EXPONENT, BREAK = 0, 1, 2, 3, 4, 5, 6
+SPRING, SPRING_AT, CONSTANT, LOWER, UPPER, STOP, DAMPING = 7, 8, 9, 10, 11, 12, 13
+
+# States at the end stops: away from both; pushing against one; behind its surface but retreating
+# faster than it follows, so that no force acts. Negative at the lower stop.
+AWAY, PUSHING, TRAILING = 0, 1, 2
+
+# What ended a step.
+NOTHING, ZERO, EXIT, TOUCH, FAILED = 0, 1, 2, 3, 4
+
+# Rows of the series workspace.
+_W, _V, _X, _L, _E, _G, _NEED, _TEST = 0, 1, 2, 3, 4, 5, 6, 7
+SLIDER_VELOCITY, SLIDER_POSITION, LOAD = _V, _X, _L
+
+
+def series_workspace(order: int) -> np.ndarray:
+    """Return the scratch memory of `advance` for series up to t^order."""
+    return np.zeros((8, order + 2))
+
+
+def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> np.ndarray:
+    """Return mass (kg), friction law and load as the array that `advance` takes."""
+    return np.array([mass, *friction, *load], dtype=np.float64)
+
+
+__all__ = ["advance", "constants", "decide", "root_workspace", "series_workspace"]
+
+
+@njit(cache=True, error_model="numpy")
+def position_load(x, v, stop, p):
+    """Return the load force (N) at position x (m), velocity v (m/s) and stop state."""
+    load = p[SPRING] * (x - p[SPRING_AT]) + p[CONSTANT]
+    if stop == PUSHING:
+        load += p[STOP] * (x - p[UPPER]) + p[DAMPING] * v
+    elif stop == -PUSHING:
+        load += p[STOP] * (x - p[LOWER]) + p[DAMPING] * v
+    return load
+
+
+@njit(cache=True, error_model="numpy")
+def sliding_force(w, p):
+    """Return the magnitude (N) of the sliding force at relative velocity w (m/s)."""
+    speed = abs(w)
+    force = p[FORCE] + p[SLOPE] * speed
+    if p[EXCESS] != 0.0:
+        ratio = speed / p[DECAY]
+        force += p[EXCESS] * math.exp(-(ratio if p[EXPONENT] == 1.0 else ratio * ratio))
+    return force
+
+
+@njit(cache=True, error_model="numpy")
+def stop_state(x, v, p):
+    """Return the stop state of a slider at x (m) with velocity v (m/s)."""
+    if p[STOP] == 0.0:
+        return AWAY
+    if x > p[UPPER]:
+        return PUSHING if p[STOP] * (x - p[UPPER]) + p[DAMPING] * v > 0.0 else TRAILING
+    if x < p[LOWER]:
+        return (
+            -PUSHING if p[STOP] * (x - p[LOWER]) + p[DAMPING] * v < 0.0 else -TRAILING
+        )
+    return AWAY
+
+
+@njit(cache=True, error_model="numpy")
+def decide(need, limit):
+    """Return 0 to stick, or the sign of sliding, where rod and slider have equal velocities."""
+    if abs(need) <= limit:
+        return 0
+    return 1 if need > 0.0 else -1
+
+
+@njit(cache=True, error_model="numpy")
+def _load_coefficient(k, s, stop, p):
+    load = p[SPRING] * s[_X, k]
+    if k == 0:
+        load += p[CONSTANT] - p[SPRING] * p[SPRING_AT]
+    if stop == PUSHING or stop == -PUSHING:
+        load += p[STOP] * s[_X, k] + p[DAMPING] * s[_V, k]
+        if k == 0:
+            load -= p[STOP] * (p[UPPER] if stop > 0 else p[LOWER])
+    return load
+
+
+@njit(cache=True, error_model="numpy")
+def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s):
+    """Taylor coefficients of w, v, x, L while sliding; `push`, `lift` are linear in time."""
+    mass, sign = p[MASS], float(mode)
+    s[_W, 0], s[_V, 0], s[_X, 0] = w0, r[0] - w0, x0
+    excess, gaussian = p[EXCESS], p[EXPONENT] == 2.0
+    before = 0.0
+    for k in range(order):
+        force = p[SLOPE] * sign * s[_W, k]
+        if k == 0:
+            force += p[FORCE]
+        if excess != 0.0:
+            if gaussian:
+                total = 0.0
+                for i in range(k + 1):
+                    total += s[_W, i] * s[_W, k - i]
+                s[_G, k] = total / (p[DECAY] * p[DECAY])
+            else:
+                s[_G, k] = sign * s[_W, k] / p[DECAY]
+            if k == 0:
+                s[_E, 0] = math.exp(-s[_G, 0])
+            else:
+                total = 0.0
+                for j in range(1, k + 1):
+                    total += j * s[_G, j] * s[_E, k - j]
+                s[_E, k] = -total / k
+            force += excess * s[_E, k]
+        friction = lift[0] * force + lift[1] * before
+        before = force
+        s[_L, k] = _load_coefficient(k, s, stop, p)
+        outer = push[k] if k < 2 else 0.0
+        s[_V, k + 1] = (sign * friction + outer - s[_L, k]) / (mass * (k + 1))
+        if k == 0 and known == 2:
+            s[_V, 1] = r[1]
+        s[_W, k + 1] = r[k + 1] - s[_V, k + 1]
+        s[_X, k + 1] = s[_V, k] / (k + 1)
+    s[_L, order] = _load_coefficient(order, s, stop, p)
+
+
+@njit(cache=True, error_model="numpy")
+def _sticking_series(stop, x0, r, order, push, p, s):
+    """Taylor coefficients of v, x, L and of the force N that sticking needs (to order - 1)."""
+    s[_X, 0] = x0
+    for k in range(order + 1):
+        s[_W, k], s[_V, k] = 0.0, r[k]
+        if k < order:
+            s[_X, k + 1] = r[k] / (k + 1)
+        s[_L, k] = _load_coefficient(k, s, stop, p)
+        if k:
+            outer = push[k - 1] if k < 3 else 0.0
+            s[_NEED, k - 1] = p[MASS] * k * r[k] + s[_L, k - 1] - outer
+
+
+@njit(cache=True, error_model="numpy")
+def _valid_length(s, row, order, length, scale):
+    """Return how far the last two coefficients stay below `scale`, at most `length`."""
+    for k in (order, order - 1):
+        last = abs(s[row, k])
+        if last * length**k > scale:
+            length = min(length, (scale / last) ** (1.0 / k))
+    return length
+
+
+@njit(cache=True, error_model="numpy")
+def _stop_event(stop, order, length, p, s, work):
+    """Return time of the first change at the end stops in [0, length], and the state after it."""
+    best, after = math.inf, stop
+    test = s[_TEST]
+    for side in (1, -1):
+        if stop * side < 0:
+            continue
+        surface = p[UPPER] if side > 0 else p[LOWER]
+        if stop == AWAY or stop == side * TRAILING:
+            for k in range(order + 1):
+                test[k] = s[_X, k]
+            test[0] -= surface
+            if stop == AWAY:
+                # Just after leaving a surface the distance may be zero or rounded to its inside.
+                if test[0] * side > 0.0:
+                    test[0] = 0.0
+                time = first_crossing(test, 0, order, -side, length, work)
+                if time < best:
+                    best, after = time, side * PUSHING
+            else:
+                if test[0] * side < 0.0:
+                    test[0] = 0.0
+                time = first_crossing(test, 0, order, side, length, work)
+                if time < best:
+                    best, after = time, AWAY
+        if stop != AWAY:
+            # The force that the stop would exert; it pushes while that has the sign of `side`.
+            for k in range(order + 1):
+                test[k] = p[STOP] * s[_X, k] + p[DAMPING] * s[_V, k]
+            test[0] -= p[STOP] * surface
+            wanted = side if stop == side * PUSHING else -side
+            if test[0] * wanted < 0.0:
+                test[0] = 0.0
+            time = first_crossing(test, 0, order, wanted, length, work)
+            if time < best:
+                best = time
+                after = side * (TRAILING if stop == side * PUSHING else PUSHING)
+    if after != stop and stop == side * PUSHING and p[DAMPING] == 0.0:
+        after = AWAY
+    return best, after
+
+
+@njit(cache=True, error_model="numpy")
+def advance(
+    mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, p, s, work
+):
+    """
+    Go on in the present mode to the first event, at most by `length`.
+
+    Parameters
+    ----------
+    mode : int
+        0 sticking, else the sign of the relative velocity.
+    stop : int
+        State at the end stops.
+    known : int
+        How many coefficients of w are known to be zero: 1 at the start of a slide, 2 if it also
+        starts without acceleration.
+    w0, x0 : float
+        Relative velocity (m/s) and slider position (m) at the start.
+    r : ndarray, shape (order + 1,)
+        Taylor coefficients of the rod velocity at the start.
+    order : int
+        Order of the series.
+    length : float
+        Longest step (s).
+    push : tuple of float
+        Outer axial force less weight (N), value and rate, linear in time.
+    lift : tuple of float
+        Contact force over the nominal one, value and rate.
+    tolerance : float
+        Size of the last terms of the series relative to the velocities.
+    p, s, work : ndarray
+        Constants, series workspace, root workspace; `s` holds the series afterwards.
+
+    Returns
+    -------
+    tuple
+        Time gone (s), event, then mode, stop, known, w and x after it.
+
+    """
+    has_stops = p[STOP] > 0.0
+    if mode == 0:
+        _sticking_series(stop, x0, r, order, push, p, s)
+        limit = p[BREAK] * lift[0]
+        if abs(s[_NEED, 0]) > limit:
+            return 0.0, EXIT, (1 if s[_NEED, 0] > 0.0 else -1), stop, 1, 0.0, x0
+    else:
+        _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s)
+        if known == 0 and w0 * mode <= 0.0:
+            need = p[MASS] * r[1] + s[_L, 0] - push[0]
+            after = decide(need, p[BREAK] * lift[0])
+            return 0.0, ZERO, after, stop, 1, 0.0, x0
+    scale = tolerance * (
+        abs(s[_V, 0]) + abs(w0) + (abs(s[_V, 1]) + abs(s[_W, 1])) * length + 1e-300
+    )
+    length = _valid_length(s, _V, order, length, scale)
+    if mode == 0:
+        if p[SPRING] > 0.0 or has_stops:
+            length = _valid_length(s, _X, order, length, scale * length)
+    else:
+        length = _valid_length(s, _W, order, length, scale)
+
+    time, event, after, after_stop, after_known = length, NOTHING, mode, stop, 0
+    if mode == 0:
+        test = s[_TEST]
+        for sign in (1, -1):
+            for k in range(order):
+                test[k] = -sign * s[_NEED, k]
+            test[0] += p[BREAK] * lift[0]
+            test[1] += p[BREAK] * lift[1]
+            crossing = first_crossing(test, 0, order - 1, 1, time, work)
+            if crossing <= time:
+                time, event, after = crossing, EXIT, sign
+                after_known = 2 if p[BREAK] == p[FORCE] + p[EXCESS] else 1
+    else:
+        crossing = first_crossing(s[_W], known, order, mode, time, work)
+        if crossing <= time:
+            time, event = crossing, ZERO
+    if has_stops:
+        crossing, changed = _stop_event(stop, order, time, p, s, work)
+        if crossing < time or (crossing <= time and event == NOTHING):
+            time, event, after, after_stop, after_known = (
+                crossing,
+                TOUCH,
+                mode,
+                changed,
+                0,
+            )
+
+    x = evaluate(s[_X], order, time)
+    w = 0.0 if mode == 0 else evaluate(s[_W], order, time)
+    if event == ZERO:
+        velocity = evaluate(r, order, time)
+        need = p[MASS] * slope(r, order, time) + position_load(x, velocity, stop, p)
+        need -= push[0] + push[1] * time
+        after = decide(need, p[BREAK] * (lift[0] + lift[1] * time))
+        after_known, w = 1, 0.0
+    elif event == TOUCH:
+        after_known = known if time == 0.0 else 0
+    return time, event, after, after_stop, after_known, w, x
+
+
+@njit(cache=True, error_model="numpy")
+def relative_distance(s, order, time):
+    """Return the integral of w over the first `time` of the step whose series is in `s`."""
+    return integral(s[_W], order, time)

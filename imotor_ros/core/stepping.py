@@ -1,0 +1,397 @@
+"""
+The slider in sampled time: the virtual plant's own solver, fed block by block.
+
+Rod velocity and acceleration are given at the samples and make a cubic between them. Within a
+sample the slider's motion is a power series, exact for Coulomb friction; events are located
+inside the sample, as many as there are. A sample depends on the one before and on nothing else:
+however a signal is cut into blocks, the answer is the same to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
+
+from imotor_ros.core.flow import (
+    BREAK,
+    CONSTANT,
+    EXCESS,
+    FORCE,
+    MASS,
+    SLOPE,
+    SPRING,
+    STOP,
+    advance,
+    constants,
+    decide,
+    position_load,
+    series_workspace,
+    sliding_force,
+    stop_state,
+)
+from imotor_ros.core.friction import FrictionLaw
+from imotor_ros.core.polynomial import root_workspace
+from imotor_ros.core.slider import LoadParameters, SliderParameters
+from imotor_ros.errors import BadInputError, SolverError
+
+Array = NDArray[np.float64]
+
+_ORDER = 10
+_TOLERANCE = 1e-13
+_MOST_EVENTS = 10_000
+
+
+@dataclass(frozen=True)
+class SliderState:
+    """
+    All that the slider remembers from one sample to the next.
+
+    Attributes
+    ----------
+    position : float
+        Slider position (m).
+    relative_velocity : float
+        Rod minus slider velocity (m/s); exactly 0 while sticking.
+    mode : int
+        0 sticking, else the sign of the relative velocity.
+    stop : int
+        0 away from the end stops; 1 pushing against one, 2 retreating from it without force;
+        negative at the lower stop.
+    rod_velocity, rod_acceleration : float
+        Rod motion at the last sample (m/s, m/s^2).
+    axial_force : float
+        Outer axial force at the last sample (N), beside the constant one.
+    normal_force : float
+        Outer normal force at the last sample (N), beside the constant one.
+
+    """
+
+    position: float = 0.0
+    relative_velocity: float = 0.0
+    mode: int = 0
+    stop: int = 0
+    rod_velocity: float = 0.0
+    rod_acceleration: float = 0.0
+    axial_force: float = 0.0
+    normal_force: float = 0.0
+
+
+@dataclass(frozen=True)
+class SliderResponse:
+    """
+    The slider at the sample instants; arrays of shape (samples,).
+
+    Attributes
+    ----------
+    position, velocity : ndarray
+        Of the slider (m, m/s).
+    load_force : ndarray
+        Force of spring, weight and end stops (N), positive along -x.
+    friction_force : ndarray
+        Force of the rod on the slider (N), positive along +x.
+    is_sticking : ndarray of bool
+        Whether it sticks.
+
+    """
+
+    position: Array
+    velocity: Array
+    load_force: Array
+    friction_force: Array
+    is_sticking: NDArray[np.bool_]
+
+
+class SliderStepper:
+    """
+    Moves the slider along with a sampled rod motion.
+
+    Parameters
+    ----------
+    slider : SliderParameters
+        Mass, inclination, constant outer forces.
+    load : LoadParameters
+        Spring, weight, end stops.
+    friction : FrictionLaw
+        Friction law at the nominal contact force.
+    sample_rate : float
+        Samples per second (Hz).
+    position, velocity : float
+        Of the slider at the first sample (m, m/s).
+
+    Raises
+    ------
+    BadInputError
+        If the sample rate or the start is not a usable number.
+
+    """
+
+    def __init__(
+        self,
+        slider: SliderParameters,
+        load: LoadParameters,
+        friction: FrictionLaw,
+        sample_rate: float,
+        *,
+        position: float = 0.0,
+        velocity: float = 0.0,
+    ) -> None:
+        if not (math.isfinite(sample_rate) and sample_rate > 0.0):
+            raise BadInputError(
+                "is out of bounds",
+                where="sample_rate",
+                value=sample_rate,
+                bound="> 0 Hz",
+            )
+        for name, value in (("position", position), ("velocity", velocity)):
+            if not math.isfinite(value):
+                raise BadInputError("is not finite", where=name, value=value)
+        self.slider, self.load, self.friction = slider, load, friction
+        self.sample_rate = float(sample_rate)
+        self._constants = constants(slider.mass, friction.numbers, load.numbers)
+        self._start = (float(position), float(velocity))
+        self._state: SliderState | None = None
+        self._series = series_workspace(_ORDER)
+        self._roots = root_workspace()
+
+    @property
+    def state(self) -> SliderState | None:
+        """State at the last sample; None before the first. Assign one to go on from there."""
+        return self._state
+
+    @state.setter
+    def state(self, state: SliderState | None) -> None:
+        self._state = state
+
+    def reset(self) -> None:
+        """Go back to the start."""
+        self._state = None
+
+    def process(
+        self,
+        rod_velocity: ArrayLike,
+        rod_acceleration: ArrayLike,
+        axial_force: ArrayLike | None = None,
+        normal_force: ArrayLike | None = None,
+    ) -> SliderResponse:
+        """
+        Take the next samples of the rod motion and return the slider's.
+
+        Parameters
+        ----------
+        rod_velocity, rod_acceleration : array_like, shape (samples,)
+            Rod motion at the samples (m/s, m/s^2).
+        axial_force, normal_force : array_like, shape (samples,), optional
+            Outer forces on the slider (N), along +x and onto the rod, in addition to the constant
+            ones of the parameters; linear between samples. A normal force that lifts the slider
+            leaves no friction.
+
+        Returns
+        -------
+        SliderResponse
+            At the same samples. The first sample ever is the start itself.
+
+        Raises
+        ------
+        BadInputError
+            If the arrays differ in shape or hold a number that is not finite.
+        SolverError
+            If events pile up inside one sample.
+
+        """
+        velocity = _samples(rod_velocity, None, "rod_velocity")
+        acceleration = _samples(rod_acceleration, velocity, "rod_acceleration")
+        axial = _samples(axial_force, velocity, "axial_force")
+        normal = _samples(normal_force, velocity, "normal_force")
+        count = velocity.size
+        position, slider_velocity = np.empty(count), np.empty(count)
+        load, friction = np.empty(count), np.empty(count)
+        is_sticking = np.empty(count, dtype=np.bool_)
+        response = SliderResponse(
+            position, slider_velocity, load, friction, is_sticking
+        )
+        if count == 0:
+            return response
+        has_started = self._state is not None
+        state = self._state or SliderState()
+        memory = np.array(
+            [state.position, state.relative_velocity, state.mode, state.stop, state.rod_velocity,
+             state.rod_acceleration, state.axial_force, state.normal_force]
+        )  # fmt: skip
+        if not has_started:
+            memory[:2] = self._start
+        slider = self.slider
+        failed = _process(
+            velocity, acceleration, axial, normal, has_started, memory, 1.0 / self.sample_rate,
+            slider.axial_force - slider.weight_along_rod,
+            slider.friction_scale, 1.0 / slider.nominal_contact_force,
+            self._constants, self._series, self._roots,
+            position, slider_velocity, load, friction, is_sticking,
+        )  # fmt: skip
+        if failed >= 0:
+            raise SolverError(f"events pile up before sample {failed} of the block")
+        numbers = memory.tolist()
+        self._state = SliderState(
+            *numbers[:2], int(numbers[2]), int(numbers[3]), *numbers[4:]
+        )
+        return response
+
+
+_NO_SAMPLES = np.empty(0)
+
+
+def _samples(values: ArrayLike | None, like: Array | None, where: str) -> Array:
+    if values is None:
+        return _NO_SAMPLES
+    array = np.ascontiguousarray(values, dtype=np.float64)
+    if array.ndim != 1 or (like is not None and array.shape != like.shape):
+        bound = "one dimension" if like is None else f"shape {like.shape}"
+        raise BadInputError(
+            "has the wrong shape", where=where, value=array.shape, bound=bound
+        )
+    if not np.all(np.isfinite(array)):
+        raise BadInputError("holds a number that is not finite", where=where)
+    return array
+
+
+@njit(cache=True, error_model="numpy")
+def _process(
+    rod_velocity, rod_acceleration, axial, normal, has_started, memory, step, base_push,
+    base_lift, lift_per_newton, p, s, work, position, velocity, load, friction, is_sticking,
+):  # fmt: skip
+    """Fill the response arrays; return the sample before which the solver failed, or -1."""
+    x, w = memory[0], memory[1]
+    mode, stop = int(memory[2]), int(memory[3])
+    r0, a0, axial0, normal0 = memory[4], memory[5], memory[6], memory[7]
+    push0 = base_push + axial0
+    lift0 = base_lift + normal0 * lift_per_newton if normal0 != 0.0 else base_lift
+    lift0 = max(lift0, 0.0)
+    mass, force, rate, limit = p[MASS], p[FORCE], p[SLOPE] / p[MASS], p[BREAK]
+    is_simple = (
+        p[EXCESS] == 0.0 and p[SPRING] == 0.0 and p[STOP] == 0.0 and rate * step < 0.02
+    )
+    r = np.zeros(s.shape[1])
+    for i in range(rod_velocity.size):
+        r1, a1 = rod_velocity[i], rod_acceleration[i]
+        axial1 = axial[i] if axial.size else 0.0
+        normal1 = normal[i] if normal.size else 0.0
+        push1 = base_push + axial1
+        lift1 = base_lift
+        if normal1 != 0.0:
+            lift1 = max(base_lift + normal1 * lift_per_newton, 0.0)
+        if not has_started:
+            # The first sample is the start: memory holds the slider's velocity in place of w.
+            has_started = True
+            w = r1 - w
+            stop = stop_state(x, r1 - w, p)
+            mode = 1 if w > 0.0 else -1
+            if w == 0.0:
+                mode = decide(
+                    mass * a1 + position_load(x, r1, stop, p) - push1, limit * lift1
+                )
+        else:
+            difference = (r1 - r0) / step
+            c2 = (3.0 * difference - 2.0 * a0 - a1) / step
+            c3 = (a0 + a1 - 2.0 * difference) / (step * step)
+            is_done = False
+            if is_simple and lift0 == lift1:
+                rod_distance = (
+                    r0 + (a0 / 2 + (c2 / 3 + c3 / 4 * step) * step) * step
+                ) * step
+                # Outer force without friction, in acceleration.
+                outer0 = (p[CONSTANT] - push0) / mass
+                outer1 = (push0 - push1) / (mass * step)
+                if mode == 0:
+                    n0, n1, n2 = a0 + outer0, 2.0 * c2 + outer1, 3.0 * c3
+                    middle = n0 + 0.5 * n1 * step
+                    end = n0 + (n1 + n2 * step) * step
+                    most = limit * lift0 / mass
+                    if abs(n0) < most and abs(middle) < most and abs(end) < most:
+                        x += rod_distance
+                        is_done = True
+                else:
+                    sign = float(mode)
+                    w1 = a0 + outer0 - sign * lift0 * force / mass - rate * w
+                    w2 = (2.0 * c2 + outer1 - rate * w1) / 2
+                    w3 = (3.0 * c3 - rate * w2) / 3
+                    w4 = -rate * w3 / 4
+                    w5 = -rate * w4 / 5
+                    w6 = -rate * w5 / 6
+                    h1, h2, h3 = w1 * step, w2 * step * step, w3 * step * step * step
+                    rest = (w4 + (w5 + w6 * step) * step) * step * step * step * step
+                    b1, b2 = w + h1 / 3, w + 2.0 * h1 / 3 + h2 / 3
+                    end = w + h1 + h2 + h3
+                    margin = 1e-12 * abs(w) + 3.0 * abs(rest)
+                    if (
+                        sign * w > margin
+                        and sign * b1 > margin
+                        and sign * b2 > margin
+                        and sign * end > margin
+                    ):
+                        slid = (w + h1 / 2 + h2 / 3 + h3 / 4) * step + (
+                            w4 / 5 + (w5 / 6 + w6 / 7 * step) * step
+                        ) * step * step * step * step * step
+                        x += rod_distance - slid
+                        w = end + rest
+                        is_done = True
+            if not is_done:
+                mode, stop, w, x, is_done = _through_events(
+                    mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p, s, r,
+                    work,
+                )  # fmt: skip
+                if not is_done:
+                    return i
+        r0, a0, axial0, normal0, push0, lift0 = r1, a1, axial1, normal1, push1, lift1
+        position[i], velocity[i], is_sticking[i] = x, r1 - w, mode == 0
+        load[i] = position_load(x, r1 - w, stop, p)
+        if mode == 0:
+            friction[i] = mass * a1 + load[i] - push1
+        else:
+            friction[i] = mode * lift1 * sliding_force(w, p)
+    memory[0], memory[1], memory[2], memory[3] = x, w, float(mode), float(stop)
+    memory[4], memory[5], memory[6], memory[7] = r0, a0, axial0, normal0
+    return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _through_events(
+    mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p, s, r, work
+):
+    """Go through one sample with as many events as it has."""
+    order = s.shape[1] - 2
+    push_rate, lift_rate = (push1 - push0) / step, (lift1 - lift0) / step
+    gone, known, idle = 0.0, 0, 0
+    for _ in range(_MOST_EVENTS):
+        # The rod's cubic and the outer forces, seen from the time reached.
+        r[0] = r0 + (a0 + (c2 + c3 * gone) * gone) * gone
+        r[1] = a0 + (2.0 * c2 + 3.0 * c3 * gone) * gone
+        r[2] = c2 + 3.0 * c3 * gone
+        r[3] = c3
+        push = (push0 + push_rate * gone, push_rate)
+        lift = (lift0 + lift_rate * gone, lift_rate)
+        time, _event, mode, stop, known, w, x = advance(
+            mode,
+            stop,
+            known,
+            w,
+            x,
+            r,
+            order,
+            step - gone,
+            push,
+            lift,
+            _TOLERANCE,
+            p,
+            s,
+            work,
+        )
+        gone += time
+        if gone >= step * (1.0 - 1e-15):
+            return mode, stop, w, x, True
+        idle = idle + 1 if time == 0.0 else 0
+        if idle > 20:
+            break
+    return mode, stop, w, x, False
