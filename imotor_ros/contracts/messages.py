@@ -206,6 +206,7 @@ def performance_to_message(types: MessageTypes, performance: Performance, time: 
         is_final=performance.is_final,
         indicators=[_indicator_to_message(types, one) for one in performance.indicators],
         streams=[_count_to_message(types, one) for one in performance.streams],
+        end_index=int(performance.end_index),
     )
 
 
@@ -228,4 +229,56 @@ def _count_to_message(types: MessageTypes, count: StreamCount) -> Any:
         received=int(count.received),
         lost=int(count.lost),
         flags=int(count.flags),
+    )
+
+
+def performance_from_message(message: Any) -> Performance:
+    """Return the performance in a Performance message."""
+    return Performance(
+        run_id=message.run_id,
+        is_final=bool(message.is_final),
+        indicators=tuple(
+            Indicator(
+                name=one.name,
+                unit=one.unit,
+                value=float(one.value),
+                uncertainty=float(one.uncertainty),
+                reason=one.reason,
+            )
+            for one in message.indicators
+        ),
+        streams=tuple(
+            StreamCount(
+                name=one.name,
+                received=int(one.received),
+                lost=int(one.lost),
+                flags=int(one.flags),
+            )
+            for one in message.streams
+        ),
+        end_index=int(message.end_index),
+    )
+
+
+def recording_to_message(
+    types: MessageTypes,
+    run_id: str,
+    epoch: int,
+    state: int,
+    path: str,
+    *,
+    messages: int = 0,
+    lost: int = 0,
+    error: str = "",
+) -> Any:
+    """Return a RecordingState message."""
+    return types.message(
+        "imotor_msgs/msg/RecordingState",
+        header=_header(types, epoch, "recording"),
+        run_id=run_id,
+        state=state,
+        path=path,
+        messages=messages,
+        lost=lost,
+        error=error,
     )

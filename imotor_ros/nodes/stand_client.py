@@ -1,0 +1,299 @@
+"""The orchestrator's side of the stand: services, the play action, and what the nodes report."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import rclpy
+from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from imotor_msgs.action import PlayProgram
+from imotor_msgs.msg import Performance as PerformanceMessage
+from imotor_msgs.msg import RecordingState, RunInfo
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rcl_interfaces.srv import SetParametersAtomically
+from rclpy.action import ActionClient
+from rclpy.client import Client
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from imotor_ros.contracts.messages import program_to_message, run_info_to_message
+from imotor_ros.contracts.topics import DIAGNOSTICS, PERFORMANCE, RECORDING, RUN_INFO
+from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.parameters import Parameters
+from imotor_ros.errors import DeadlineError, RunError
+from imotor_ros.nodes.message_types import RclpyTypes
+from imotor_ros.nodes.parameters import parameter_values
+from imotor_ros.nodes.qos import qos_profile
+
+CONFIGURE = Transition.TRANSITION_CONFIGURE
+ACTIVATE = Transition.TRANSITION_ACTIVATE
+DEACTIVATE = Transition.TRANSITION_DEACTIVATE
+CLEAN_UP = Transition.TRANSITION_CLEANUP
+
+_TRANSITION_NAMES = {
+    CONFIGURE: "configure",
+    ACTIVATE: "activate",
+    DEACTIVATE: "deactivate",
+    CLEAN_UP: "clean up",
+}
+
+
+class StandClient:
+    """
+    Talks to the nodes of one stand, from the thread that calls it.
+
+    Parameters
+    ----------
+    namespace : str
+        Namespace of the stand.
+    watch : callable
+        Called again and again while waiting; raises if a node has gone.
+
+    """
+
+    def __init__(self, namespace: str, watch: Callable[[], None]) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        self.node = Node("run_campaign", namespace=namespace, context=self._context)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self.node)
+        self._watch = watch
+        self._namespace = namespace.rstrip("/")
+        self._types = RclpyTypes()
+        self._clients: dict[tuple[str, str], Client] = {}
+        self._faults: dict[str, str] = {}
+        self.performances: list[PerformanceMessage] = []
+        self.recordings: list[RecordingState] = []
+        self._player = ActionClient(self.node, PlayProgram, "drive/play")
+        self._run_info = self.node.create_publisher(RunInfo, RUN_INFO.name, qos_profile(RUN_INFO))
+        subscribe = self.node.create_subscription
+        for topic, kind, callback in (
+            (PERFORMANCE, PerformanceMessage, self.performances.append),
+            (RECORDING, RecordingState, self.recordings.append),
+            (DIAGNOSTICS, DiagnosticArray, self._on_diagnostics),
+        ):
+            subscribe(kind, topic.name, callback, qos_profile(topic))
+
+    def close(self) -> None:
+        """Leave the graph."""
+        self._executor.shutdown(timeout_sec=1.0)
+        self.node.destroy_node()
+        self._context.try_shutdown()
+
+    # ---- waiting -------------------------------------------------------------------------
+
+    def spin(self, seconds: float) -> None:
+        """Handle what comes within so many seconds, at least one thing; watch the nodes."""
+        self._executor.spin_once(timeout_sec=seconds)
+        self._watch()
+
+    def spin_until(
+        self, condition: Callable[[], bool], awaited: str | Callable[[], str], timeout: float
+    ) -> None:
+        """
+        Wait for a condition.
+
+        Raises
+        ------
+        DeadlineError
+            If it does not come true in time.
+
+        """
+        deadline = time.monotonic() + timeout
+        while not condition():
+            if time.monotonic() > deadline:
+                text = awaited if isinstance(awaited, str) else awaited()
+                raise DeadlineError(text, timeout)
+            self.spin(0.02)
+
+    # ---- nodes ---------------------------------------------------------------------------
+
+    def fault_of(self, node: str) -> str:
+        """Return the fault that a node has reported, or nothing."""
+        return self._faults.get(node, "")
+
+    def check_faults(self) -> None:
+        """
+        Check that no node has reported a fault.
+
+        Raises
+        ------
+        RunError
+            If one has.
+
+        """
+        for node, fault in self._faults.items():
+            if fault:
+                raise RunError(f"{node}: {fault}")
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            node = status.name.partition(":")[0].rpartition("/")
+            if f"/{node[0]}" == self._namespace:
+                is_fault = status.level == DiagnosticStatus.ERROR
+                self._faults[node[2]] = status.message if is_fault else ""
+
+    def _client(self, kind: Any, node: str, service: str) -> Client:
+        key = (node, service)
+        if key not in self._clients:
+            name = f"{self._namespace}/{node}/{service}"
+            self._clients[key] = self.node.create_client(kind, name)
+        return self._clients[key]
+
+    def wait_for_nodes(self, nodes: Iterable[str], timeout: float) -> None:
+        """
+        Wait until nodes can be managed.
+
+        Raises
+        ------
+        DeadlineError
+            If they do not come up in time.
+
+        """
+        clients = {
+            node: (
+                self._client(ChangeState, node, "change_state"),
+                self._client(SetParametersAtomically, node, "set_parameters_atomically"),
+            )
+            for node in nodes
+        }
+
+        def absent() -> list[str]:
+            return [n for n, pair in clients.items() if not all(c.service_is_ready() for c in pair)]
+
+        self.spin_until(
+            lambda: not absent(), lambda: f"node(s) {', '.join(absent())} to come up", timeout
+        )
+
+    def set_parameters(self, values: dict[str, Parameters], timeout: float) -> None:
+        """
+        Set all parameters of several nodes.
+
+        Raises
+        ------
+        RunError
+            If a node refuses.
+
+        """
+        futures = {}
+        for node, parameters in values.items():
+            request = SetParametersAtomically.Request()
+            request.parameters = [
+                Parameter(name, value=value).to_parameter_msg()
+                for name, value in parameter_values(parameters).items()
+            ]
+            client = self._client(SetParametersAtomically, node, "set_parameters_atomically")
+            futures[node] = client.call_async(request)
+        self._await_all(futures, "to take parameters", timeout)
+        for node, future in futures.items():
+            answer = future.result().result
+            if not answer.successful:
+                raise RunError(f"{node} refuses its parameters: {answer.reason}")
+
+    def change_state(self, nodes: Iterable[str], transition: int, timeout: float) -> None:
+        """
+        Make several nodes take a lifecycle transition, together.
+
+        Raises
+        ------
+        RunError
+            If one fails.
+
+        """
+        request = ChangeState.Request(transition=Transition(id=transition))
+        futures = {
+            node: self._client(ChangeState, node, "change_state").call_async(request)
+            for node in nodes
+        }
+        what = _TRANSITION_NAMES[transition]
+        self._await_all(futures, f"to {what}", timeout)
+        for node, future in futures.items():
+            if not future.result().success:
+                # the reason comes as diagnostics, perhaps a moment later
+                self._settle(lambda node=node: bool(self.fault_of(node)))
+                reason = self.fault_of(node) or "no reason given"
+                raise RunError(f"{node} did not {what}: {reason}")
+
+    def _settle(self, condition: Callable[[], bool], timeout: float = 2.0) -> None:
+        deadline = time.monotonic() + timeout
+        while not condition() and time.monotonic() < deadline:
+            self.spin(0.02)
+
+    def _await_all(self, futures: dict[str, Future], what: str, timeout: float) -> None:
+        def late() -> list[str]:
+            return [node for node, future in futures.items() if not future.done()]
+
+        self.spin_until(lambda: not late(), lambda: f"{', '.join(late())} {what}", timeout)
+
+    # ---- the run -------------------------------------------------------------------------
+
+    def begin_run(self, program: DriveProgram, run_info_json: str) -> None:
+        """Forget the last run, and announce what the next one is."""
+        self.performances.clear()
+        self.recordings.clear()
+        self._faults.clear()
+        message = run_info_to_message(self._types, program.run_id, program.epoch, run_info_json)
+        self._run_info.publish(message)
+
+    def play(self, program: DriveProgram, timeout: float) -> PlayedProgram:
+        """
+        Have the signal generator play a program; return at once what stands for it.
+
+        Raises
+        ------
+        DeadlineError
+            If the generator does not take the program.
+
+        """
+        played = PlayedProgram()
+        self.spin_until(
+            self._player.server_is_ready, "the action drive/play of signal_generator", timeout
+        )
+        goal = PlayProgram.Goal(program=program_to_message(self._types, program))
+        accepted = self._player.send_goal_async(goal, feedback_callback=played.on_feedback)
+        self.spin_until(accepted.done, "signal_generator to take the program", timeout)
+        played.follow(accepted.result())
+        return played
+
+
+class PlayedProgram:
+    """A program that is being played."""
+
+    def __init__(self) -> None:
+        self.consumed = 0
+        self.outcome = ""
+        self.is_done = False
+        self._handle: Any = None
+
+    def follow(self, handle: Any) -> None:
+        """Take the goal's handle, and ask for its result."""
+        self._handle = handle
+        if not handle.accepted:
+            self.is_done, self.outcome = True, "refused"
+            return
+        handle.get_result_async().add_done_callback(self._on_result)
+
+    def on_feedback(self, message: Any) -> None:
+        """Take note of progress."""
+        self.consumed = max(self.consumed, int(message.feedback.consumed))
+
+    def _on_result(self, future: Future) -> None:
+        answer = future.result()
+        self.consumed = max(self.consumed, int(answer.result.consumed))
+        self.outcome = answer.result.outcome
+        self.is_done = True
+        if answer.status == GoalStatus.STATUS_UNKNOWN and not self.outcome:
+            self.outcome = "unknown"
+
+    def cancel(self) -> None:
+        """Ask for the voltage to go to zero and the program to end."""
+        if self._handle is not None and not self.is_done:
+            self._handle.cancel_goal_async()
