@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from imotor_ros.contracts.blocks import NANOSECONDS, SampleBlock
 from imotor_ros.core.channel import ChannelDescription
 from imotor_ros.core.drive import DriveProgram, DriveSegment
-from imotor_ros.core.indicators import Indicator, Performance, StreamCount
+from imotor_ros.core.indicators import Indicator, Performance, StreamCount, Window
 
 
 class MessageTypes(Protocol):
@@ -207,6 +207,10 @@ def performance_to_message(types: MessageTypes, performance: Performance, time: 
         indicators=[_indicator_to_message(types, one) for one in performance.indicators],
         streams=[_count_to_message(types, one) for one in performance.streams],
         end_index=int(performance.end_index),
+        windows=[_window_to_message(types, one) for one in performance.windows],
+        delayed_channels=[name for name, _ in performance.delays],
+        delays=types.floats([delay for _, delay in performance.delays]),
+        warnings=list(performance.warnings),
     )
 
 
@@ -219,6 +223,16 @@ def _indicator_to_message(types: MessageTypes, indicator: Indicator) -> Any:
         value=float(indicator.value),
         uncertainty=float(indicator.uncertainty),
         reason=indicator.reason,
+    )
+
+
+def _window_to_message(types: MessageTypes, window: Window) -> Any:
+    return types.message(
+        "imotor_msgs/msg/Window",
+        name=window.name,
+        start=int(window.start),
+        end=int(window.end),
+        periods=int(window.periods),
     )
 
 
@@ -257,6 +271,12 @@ def performance_from_message(message: Any) -> Performance:
             for one in message.streams
         ),
         end_index=int(message.end_index),
+        windows=tuple(
+            Window(one.name, int(one.start), int(one.end), int(one.periods))
+            for one in message.windows
+        ),
+        delays=tuple(zip(message.delayed_channels, _floats(message.delays), strict=True)),
+        warnings=tuple(message.warnings),
     )
 
 
