@@ -1,0 +1,89 @@
+"""The verbs that concern the environment itself."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+
+from bootstrap.environment import prepend
+from bootstrap.layout import ROOT, SOURCED, WHEELS, Layout
+from bootstrap.lockfile import SetupLock
+from bootstrap.progress import say
+
+CHECKS = (
+    ("ruff", ["-m", "ruff", "check", "."]),
+    ("mypy", ["-m", "mypy"]),
+    ("import-linter", ["-m", "importlinter.cli", "lint"]),
+)
+
+
+def clean() -> int:
+    """Remove everything a set-up made, once no set-up is running."""
+    for kind in (WHEELS, SOURCED):
+        layout = Layout(kind)
+        if os.path.isdir(layout.home):
+            with SetupLock(layout.lock_file, lambda: say("a set-up is running, waiting for its end")):
+                shutil.rmtree(layout.home)
+    folder = os.path.join(ROOT, ".imotor")
+    if os.path.isdir(folder):
+        shutil.rmtree(folder)
+        say("removed %s" % folder)
+    return 0
+
+
+def shell_env(layout: Layout, changed: Mapping[str, str]) -> int:
+    """Print what a shell has to evaluate to run the executables by hand."""
+    programs = os.path.join(layout.venv, "bin")
+    path = prepend([programs], os.environ.get("PATH", os.defpath))
+    for name, value in {**changed, "PATH": path}.items():
+        print("export %s=%s" % (name, shlex.quote(value)))
+    return 0
+
+
+def test(layout: Layout, arguments: list[str]) -> int:
+    """
+    Run linters, type check, layer contracts and tests; pytest comes last.
+
+    Parameters
+    ----------
+    layout : Layout
+        The environment.
+    arguments : list of str
+        Handed to pytest.
+
+    Returns
+    -------
+    int
+        Zero if all of them passed.
+    """
+    failed = []
+    for name, command in CHECKS:
+        print("== %s" % name, flush=True)
+        if _run([layout.venv_python, *command]):
+            failed.append(name)
+    if failed:
+        print("== failed before the tests: %s" % ", ".join(failed), flush=True)
+    print("== pytest", flush=True)
+    code = _run([layout.venv_python, "-m", "pytest", *arguments])
+    return code or (1 if failed else 0)
+
+
+def _run(command: list[str]) -> int:
+    """Run a command in the checkout, handing signals on to it."""
+    process = subprocess.Popen(command, cwd=ROOT)
+    # The terminal sends Ctrl-C to the command as well: only wait for its end.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, lambda number, _: process.send_signal(number))
+    try:
+        code = process.wait()
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    if code < 0:
+        sys.exit(128 - code)
+    return code

@@ -1,0 +1,51 @@
+"""Installs imotor_ros as an ament_python package."""
+
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+PACKAGE = "imotor_ros"
+
+NODES = [
+    "signal_generator",
+    "plant",
+    "vibrometer",
+    "force_sensor",
+    "evaluator",
+    "recorder",
+    "player",
+    "run_campaign",
+]
+
+
+def list_params() -> list[tuple[str, list[str]]]:
+    """Return every folder under params/ with its files, as data files of the package's share."""
+    folders = sorted({path.parent for path in Path("params").rglob("*") if path.is_file()})
+    return [
+        (f"share/{PACKAGE}/{folder}", sorted(str(path) for path in folder.iterdir() if path.is_file()))
+        for folder in folders
+    ]
+
+
+setup(
+    name=PACKAGE,
+    version="0.1.0",
+    description="A test stand for piezoelectric inertia motors as ROS 2 nodes",
+    license="Apache-2.0",
+    maintainer="imotor_ros maintainers",
+    maintainer_email="maintainers@imotor-ros.invalid",
+    packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
+    package_data={PACKAGE: ["py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
+        (f"share/{PACKAGE}", ["package.xml"]),
+        *list_params(),
+    ],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "rosbags", "matplotlib", "pyyaml"],
+    python_requires=">=3.11",
+    zip_safe=True,
+    tests_require=["pytest"],
+    entry_points={
+        "console_scripts": [f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES],
+    },
+)
