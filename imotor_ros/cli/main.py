@@ -1,0 +1,103 @@
+"""
+The command line: one module per verb, imported only when it is called.
+
+Exit codes: 0 done, 1 failed, 2 bad input, 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import NoReturn
+
+from imotor_ros.errors import BadInputError, ImotorError
+
+VERBS = {
+    "demo": "run the demonstration on the ROS graph, from drive voltage to indicators",
+    "run": "carry out a campaign",
+    "signal": "print the harmonics of a drive signal",
+    "simulate": "predict the indicators with a motor model, without instruments",
+    "evaluate": "compute the indicators of a recorded run",
+    "replay": "play a recorded run through the topics to the evaluator",
+    "recover": "mend a bag whose recorder was killed",
+    "info": "describe a recorded run",
+}
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Report bad usage."""
+        raise BadInputError(message, where=self.prog)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """
+    Run one verb.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Command line without the name of the program; by default that of the process.
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    """
+    try:
+        return _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+    except BadInputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    except ImotorError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1
+    except BrokenPipeError:
+        return 1
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+def _dispatch(arguments: list[str]) -> int:
+    if not arguments or arguments[0] in ("-h", "--help", "help"):
+        print(_overview())
+        return 0
+    verb, *rest = arguments
+    if verb not in VERBS:
+        raise BadInputError(
+            "is not a verb", where="imotor", value=verb, bound="one of " + ", ".join(VERBS)
+        )
+    module = import_module(f"imotor_ros.cli.{verb}")
+    parser = Parser(
+        prog=f"imotor {verb}",
+        description=module.__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    parser.add_argument("--json", action="store_true", help="print one JSON object, SI units")
+    options = parser.parse_args(rest)
+    result: int = module.run(options)
+    return result
+
+
+def _overview() -> str:
+    width = max(map(len, VERBS))
+    lines = [f"  {verb:<{width}}  {text}" for verb, text in VERBS.items()]
+    return "\n".join(
+        (
+            "usage: imotor VERB [options]",
+            "",
+            "Test stand for piezoelectric inertia motors.",
+            "",
+            *lines,
+            "",
+            "imotor VERB --help tells more of one verb.",
+        )
+    )
