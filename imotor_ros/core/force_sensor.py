@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from numpy.typing import ArrayLike
 
@@ -88,10 +89,10 @@ class ForceSensor:
         Constants.
     sample_rate : float
         Samples per second (Hz); at least twice the highest frequency among the parameters.
-    name : str
-        Channel name; also names the random streams.
     seed : int
         Seed of the run.
+    channel : str
+        Name of the channel; also names the random streams.
 
     Raises
     ------
@@ -104,14 +105,13 @@ class ForceSensor:
         self,
         parameters: ForceSensorParameters,
         sample_rate: float,
-        *,
-        name: str = LOAD_FORCE,
         seed: int,
+        channel: str = LOAD_FORCE,
     ) -> None:
         self.parameters = parameters
         rate = checked_sample_rate(sample_rate)
         for key in ("cut_off_frequency", "resonance_frequency"):
-            checked_bandwidth(getattr(parameters, key), rate, where=f"{name}: {key}")
+            checked_bandwidth(getattr(parameters, key), rate, where=f"{channel}: {key}")
         system = bessel_low_pass(parameters.cut_off_frequency)
         if parameters.resonance_frequency > 0.0:
             resonance = resonator(parameters.resonance_frequency, parameters.damping_ratio)
@@ -128,7 +128,7 @@ class ForceSensor:
             drift_uncertainty=parameters.drift_rate,
         )
         self._chain = MeasurementChain(
-            name=name,
+            name=channel,
             full_scale=parameters.force_range,
             filters=filters,
             errors=errors,
@@ -136,7 +136,7 @@ class ForceSensor:
             seed=seed,
         )
 
-    @property
+    @cached_property
     def channel(self) -> ChannelDescription:
         """What the samples mean; the delay is that of sensor and low-pass at low frequency."""
         return self._chain.describe(

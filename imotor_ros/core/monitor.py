@@ -9,6 +9,7 @@ The amplifier's monitor outputs: voltage and current of the stator, as digitised
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from numpy.typing import ArrayLike
 
@@ -94,8 +95,8 @@ class Monitor:
         self,
         parameters: VoltageMonitorParameters | CurrentMonitorParameters,
         sample_rate: float,
-        *,
         seed: int,
+        *,
         input_delay: float = 0.0,
     ) -> None:
         self.parameters = parameters
@@ -121,7 +122,7 @@ class Monitor:
             seed=seed,
         )
 
-    @property
+    @cached_property
     def channel(self) -> ChannelDescription:
         """What the samples mean; the delay counts from the quantity at the stator."""
         return self._chain.describe(

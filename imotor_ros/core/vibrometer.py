@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 from numpy.typing import ArrayLike
 
@@ -95,10 +96,10 @@ class Vibrometer:
         Constants.
     sample_rate : float
         Samples per second (Hz); at least twice the cut-off frequency.
-    name : str
-        Channel name, e.g. "rod/velocity"; also names the random streams.
     seed : int
         Seed of the run.
+    channel : str
+        Name of the channel, e.g. "rod/velocity"; also names the random streams.
 
     Raises
     ------
@@ -108,12 +109,12 @@ class Vibrometer:
     """
 
     def __init__(
-        self, parameters: VibrometerParameters, sample_rate: float, *, name: str, seed: int
+        self, parameters: VibrometerParameters, sample_rate: float, seed: int, channel: str
     ) -> None:
         self.parameters = parameters
         rate = checked_sample_rate(sample_rate)
         cut_off = checked_bandwidth(
-            parameters.cut_off_frequency, rate, where=f"{name}: cut_off_frequency"
+            parameters.cut_off_frequency, rate, where=f"{channel}: cut_off_frequency"
         )
         self._low_pass = StreamFilter(
             bessel_low_pass(cut_off), rate, delay=parameters.decoder_delay
@@ -128,16 +129,16 @@ class Vibrometer:
             offset_uncertainty=parameters.offset_uncertainty,
         )
         self._chain = MeasurementChain(
-            name=name,
+            name=channel,
             full_scale=parameters.full_scale,
             filters=filters,
             errors=errors,
             digitiser=parameters.digitiser,
             seed=seed,
         )
-        self._drop_outs = _DropOuts(parameters, rate, self._chain.settling, seed, name)
+        self._drop_outs = _DropOuts(parameters, rate, self._chain.settling, seed, channel)
 
-    @property
+    @cached_property
     def channel(self) -> ChannelDescription:
         """What the samples mean; the delay is that of decoder and low-pass at low frequency."""
         return self._chain.describe(
