@@ -61,7 +61,6 @@ class RunPlan:
             "run_id": self.program.run_id,
             "point": self.name,
             "parameters": self.parameters.to_mapping(),
-            "provenance": dict(self.provenance),
         }
 
 

@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.context import Context
 
 from imotor_ros.contracts.topics import LOAD_FORCE, TRUE_LOAD_FORCE
-from imotor_ros.core.force_sensor import ForceSensorParameters
+from imotor_ros.core.force_sensor import ForceSensor, ForceSensorParameters
 from imotor_ros.core.parameters import group, parameter
 from imotor_ros.nodes.instrument import InstrumentNode
 from imotor_ros.nodes.stand_node import NodeParameters, run_node
@@ -31,13 +31,10 @@ class ForceSensorNode(InstrumentNode[ForceSensorNodeParameters]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         super().__init__("force_sensor", ForceSensorNodeParameters, context=context, **options)
 
-    def instrument_parameters(self) -> ForceSensorParameters:
-        """Return the parameters of the sensor."""
-        return self.parameters.force_sensor
-
-    def seed(self) -> int:
-        """Return the seed of the run."""
-        return self.parameters.seed
+    def make_instrument(self, sample_rate: float, channel: str) -> ForceSensor:
+        """Return the sensor; see `InstrumentNode.make_instrument`."""
+        settings = self.parameters
+        return ForceSensor(settings.force_sensor, sample_rate, settings.seed, channel)
 
 
 def main() -> int:

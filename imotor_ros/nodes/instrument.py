@@ -6,13 +6,11 @@ from typing import TypeVar
 
 from rclpy.publisher import Publisher
 
-from imotor_ros.campaign.roles import InstrumentRole
+from imotor_ros.campaign.roles.instrument import Instrument, InstrumentRole
 from imotor_ros.contracts.blocks import SampleBlock
 from imotor_ros.contracts.messages import channel_to_message
 from imotor_ros.contracts.topics import CHANNELS, Topic
 from imotor_ros.core.drive import DriveProgram
-from imotor_ros.core.force_sensor import ForceSensorParameters
-from imotor_ros.core.vibrometer import VibrometerParameters
 from imotor_ros.nodes.run_follower import RunFollowerNode
 from imotor_ros.nodes.stand_node import NodeParameters
 
@@ -23,8 +21,7 @@ class InstrumentNode(RunFollowerNode[P]):
     """
     Measures one stream of truth.
 
-    Derived classes name the two topics as they are before remapping, and give the parameters
-    of the instrument.
+    Derived classes name the two topics as they are before remapping, and make the instrument.
     """
 
     truth_topic: Topic
@@ -32,12 +29,8 @@ class InstrumentNode(RunFollowerNode[P]):
     _role: InstrumentRole | None = None
     _channels: Publisher | None = None
 
-    def instrument_parameters(self) -> VibrometerParameters | ForceSensorParameters:
-        """Return the parameters of the instrument."""
-        raise NotImplementedError
-
-    def seed(self) -> int:
-        """Return the seed of the run."""
+    def make_instrument(self, sample_rate: float, channel: str) -> Instrument:
+        """Return the instrument for a run with so many samples per second (Hz)."""
         raise NotImplementedError
 
     def configure(self) -> None:
@@ -50,7 +43,8 @@ class InstrumentNode(RunFollowerNode[P]):
     def begin_run(self, program: DriveProgram) -> None:
         """Make the instrument ready, and say what its channel is."""
         name = self.subject(self.measured_topic)
-        self._role = InstrumentRole(self.instrument_parameters(), name, self.seed(), program)
+        instrument = self.make_instrument(program.sample_rate, name)
+        self._role = InstrumentRole(instrument, program)
         for channel in self._role.channels:
             message = channel_to_message(self.types, channel, program.run_id, program.epoch)
             self.publish(self._channels, message)

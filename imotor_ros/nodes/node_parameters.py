@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable
 
 from imotor_ros.campaign.plan import RunPlan
@@ -46,7 +47,11 @@ def _evaluator(plan: RunPlan) -> NodeParameters:
 
 
 def _recorder(plan: RunPlan) -> NodeParameters:
-    return RecorderParameters(path=str(plan.bag_path.absolute()))
+    return RecorderParameters(
+        path=str(plan.bag_path.absolute()),
+        run_info=json.dumps(plan.run_info),
+        provenance=json.dumps(dict(plan.provenance)),
+    )
 
 
 _BY_NODE: dict[str, Callable[[RunPlan], NodeParameters]] = {

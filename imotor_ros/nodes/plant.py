@@ -8,7 +8,7 @@ from typing import Any
 from rclpy.context import Context
 from rclpy.publisher import Publisher
 
-from imotor_ros.campaign.roles import PlantRole
+from imotor_ros.campaign.roles.plant import PlantRole
 from imotor_ros.contracts.blocks import SampleBlock, sample_time
 from imotor_ros.contracts.messages import channel_to_message, progress_to_message
 from imotor_ros.contracts.topics import (

@@ -15,7 +15,7 @@ from rclpy.publisher import Publisher
 from rclpy.task import Future
 from std_srvs.srv import Trigger
 
-from imotor_ros.campaign.roles import GeneratorRole
+from imotor_ros.campaign.roles.generator import GeneratorRole
 from imotor_ros.contracts.messages import program_from_message, program_to_message
 from imotor_ros.contracts.topics import DRIVE_PROGRAM, DRIVE_PROGRESS, DRIVE_VOLTAGE
 from imotor_ros.core.parameters import parameter

@@ -9,7 +9,7 @@ from rclpy.context import Context
 
 from imotor_ros.contracts.topics import Intent, Topic
 from imotor_ros.core.parameters import group, parameter
-from imotor_ros.core.vibrometer import VibrometerParameters
+from imotor_ros.core.vibrometer import Vibrometer, VibrometerParameters
 from imotor_ros.nodes.instrument import InstrumentNode
 from imotor_ros.nodes.stand_node import NodeParameters, run_node
 
@@ -38,13 +38,10 @@ class VibrometerNode(InstrumentNode[VibrometerNodeParameters]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         super().__init__("vibrometer", VibrometerNodeParameters, context=context, **options)
 
-    def instrument_parameters(self) -> VibrometerParameters:
-        """Return the parameters of the vibrometer."""
-        return self.parameters.vibrometer
-
-    def seed(self) -> int:
-        """Return the seed of the run."""
-        return self.parameters.seed
+    def make_instrument(self, sample_rate: float, channel: str) -> Vibrometer:
+        """Return the vibrometer; see `InstrumentNode.make_instrument`."""
+        settings = self.parameters
+        return Vibrometer(settings.vibrometer, sample_rate, settings.seed, channel)
 
 
 def main() -> int:

@@ -1,0 +1,199 @@
+"""The recorder: the run's bag."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from imotor_msgs.msg import DriveProgram as DriveProgramMessage
+from rclpy.clock import Clock, ClockType
+from rclpy.context import Context
+from rclpy.publisher import Publisher
+from rclpy.serialization import deserialize_message
+
+from imotor_ros.campaign.roles.recorder import RecorderRole
+from imotor_ros.contracts import topics
+from imotor_ros.contracts.messages import program_from_message, recording_to_message
+from imotor_ros.contracts.topics import Topic
+from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.parameters import parameter
+from imotor_ros.errors import BadInputError, RecordingError
+from imotor_ros.nodes.message_types import message_class
+from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
+
+
+@dataclass(frozen=True)
+class RecorderParameters(NodeParameters):
+    """Parameters of the recorder node."""
+
+    path: str = parameter(
+        "", "folder of the bag, new for every run; if empty, the run id below the present folder"
+    )
+    run_info: str = parameter("{}", "JSON: all that is needed to repeat the run")
+    provenance: str = parameter("{}", "JSON: versions, host and start of the run")
+    is_simulated: bool = parameter(True, "log times follow the sample index, not the reception")
+    channel_count: int = parameter(
+        len(topics.MEASURED_TOPICS), "number of channels that are described", low=0, high=1000
+    )
+
+    def check(self) -> None:
+        """Check that the texts are JSON objects."""
+        super().check()
+        for name in ("run_info", "provenance"):
+            _read_json(name, getattr(self, name))
+
+
+def _read_json(name: str, text: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text)
+    except ValueError as error:
+        raise BadInputError(f"is not JSON: {error}", where=name, value=text[:40]) from error
+    if not isinstance(content, dict):
+        raise BadInputError("is not a JSON object", where=name, value=text[:40])
+    return content
+
+
+class RecorderNode(StandNode[RecorderParameters]):
+    """
+    Writes every topic of a run to a bag.
+
+    Recording begins with the drive program. The bag is closed when every stream has come to the
+    program's end and the final indicators are in; at deactivation or shutdown at the latest.
+    """
+
+    def __init__(self, *, context: Context | None = None, **options: Any) -> None:
+        super().__init__("recorder", RecorderParameters, context=context, **options)
+        self._role: RecorderRole | None = None
+        self._done: set[str] = set()
+        self._early: deque[tuple[str, bytes, int]] = deque()
+        self._state: Publisher | None = None
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._commit_timer = self.create_timer(0.5, self._on_commit_timer, clock=steady)
+
+    def configure(self) -> None:
+        """Make the endpoints."""
+        self._early.clear()
+        self._done.clear()
+        self._state = self.add_publisher(topics.RECORDING)
+        for topic in topics.ALL_TOPICS:
+            self.add_subscription(topic, self._receiver(topic), raw=True)
+
+    def deactivate(self) -> None:
+        """Close the bag of a run that has not come to its end."""
+        self._close("the recorder was deactivated")
+
+    def finish(self) -> None:
+        """Close the bag because the process ends."""
+        self._close("the recorder was stopped")
+
+    def status_values(self) -> dict[str, object]:
+        """Return run id, path, messages and lost samples."""
+        if self._role is None:
+            return {}
+        role = self._role
+        return {
+            "run_id": role.program.run_id,
+            "path": role.path,
+            "messages": role.messages,
+            "lost": role.lost,
+        }
+
+    def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
+        def receive(data: bytes) -> None:
+            now = time.time_ns()
+            if self._role is None and topic is topics.DRIVE_PROGRAM:
+                self._open(data)
+            if self._role is None:
+                if topic is not topics.DIAGNOSTICS:
+                    self._early.append((topic.name, data, now))
+                return
+            self._add(topic.name, data, now)
+
+        return receive
+
+    def _open(self, data: bytes) -> None:
+        message = deserialize_message(data, DriveProgramMessage)
+        if message.run_id in self._done:
+            return
+        program = program_from_message(message)
+        settings = self.parameters
+        path = Path(settings.path or program.run_id).absolute()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._role = RecorderRole(
+            path,
+            program,
+            run_info=_read_json("run_info", settings.run_info),
+            provenance=_read_json("provenance", settings.provenance),
+            channel_count=settings.channel_count,
+            namespace=self.get_namespace(),
+            is_simulated=settings.is_simulated,
+        )
+        self._publish_state(self._state_code("RECORDING"))
+        early, self._early = self._early, deque()
+        for topic, earlier, received in early:
+            self._add(topic, earlier, received)
+
+    def _add(self, topic: str, data: bytes, received: int) -> None:
+        if self._role is None:
+            return
+        self._role.add(topic, bytes(data), received)
+        if self._role.is_complete:
+            self._close()
+
+    def _close(self, reason: str = "") -> None:
+        if self._role is None:
+            return
+        role = self._role
+        try:
+            role.close(reason)
+        except RecordingError as error:
+            self._publish_state(self._state_code("FAILED"), str(error))
+            self.set_fault(str(error))
+        else:
+            self._publish_state(self._state_code("CLOSED"))
+        self._done.add(role.program.run_id)
+        self._role = None
+
+    @staticmethod
+    def _state_code(name: str) -> int:
+        return int(getattr(message_class(topics.RECORDING.type_name), f"STATE_{name}"))
+
+    def _publish_state(self, state: int, error: str = "") -> None:
+        assert self._role is not None and self._state is not None
+        role = self._role
+        program: DriveProgram = role.program
+        self._state.publish(
+            recording_to_message(
+                self.types,
+                program.run_id,
+                program.epoch,
+                state,
+                str(role.path),
+                messages=role.messages,
+                lost=role.lost,
+                error=error,
+            )
+        )
+
+    def on_fault(self, reason: str) -> None:
+        """Close the bag with what it has."""
+        super().on_fault(reason)
+        if self._role is not None:
+            self._close(reason)
+
+    def _on_commit_timer(self) -> None:
+        if self._role is not None and not self.fault:
+            try:
+                self._role.commit_if_due()
+            except RecordingError as error:
+                self.on_fault(str(error))
+
+
+def main() -> int:
+    """Run the node."""
+    return run_node(RecorderNode)
