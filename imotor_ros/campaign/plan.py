@@ -63,6 +63,11 @@ class RunPlan:
             "parameters": self.parameters.to_mapping(),
         }
 
+    @property
+    def run_info_json(self) -> str:
+        """The same as text; equal for equal runs."""
+        return json.dumps(self.run_info, sort_keys=True)
+
 
 def run_id_of(point: NamedPoint) -> str:
     """Return the run's id: the point's name and a digest of its parameters, seed included."""

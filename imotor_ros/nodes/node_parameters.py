@@ -49,7 +49,7 @@ def _evaluator(plan: RunPlan) -> NodeParameters:
 def _recorder(plan: RunPlan) -> NodeParameters:
     return RecorderParameters(
         path=str(plan.bag_path.absolute()),
-        run_info=json.dumps(plan.run_info),
+        run_info=plan.run_info_json,
         provenance=json.dumps(dict(plan.provenance)),
     )
 

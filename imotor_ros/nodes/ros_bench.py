@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from collections.abc import Generator, Iterator, Mapping
 from dataclasses import dataclass
@@ -162,7 +161,7 @@ class RosBench:
         plan.directory.mkdir(parents=True, exist_ok=True)
         if plan.bag_path.exists():
             shutil.rmtree(plan.bag_path)
-        client.begin_run(plan.program, json.dumps(plan.run_info))
+        client.begin_run(plan.program, plan.run_info_json)
         client.set_parameters(self._parameters(plan), times.transition)
         client.change_state(self._names, CONFIGURE, times.transition)
         client.change_state(self._names, ACTIVATE, times.transition)

@@ -72,6 +72,7 @@ class RecorderRole:
         self.messages = 0
         self._types = types or installed_types()
         self._was_cut = False
+        self._consumed = 0
         streams = [topic for topic in recorded if topic.intent is Intent.STREAM]
         self._ends = {topic.name: 0 for topic in streams if is_sampled(topic)}
         self._order = MessageOrder(
@@ -107,8 +108,8 @@ class RecorderRole:
     @property
     def is_complete(self) -> bool:
         """Whether every stream has come to the program's end, and the final indicators are in."""
-        ends = min(self._ends.values(), default=self.program.length)
-        return ends >= self.program.length and self.performance is not None
+        end = min([*self._ends.values(), self._consumed])
+        return end >= self.program.length and self.performance is not None
 
     def add(self, topic: str, data: bytes, received: int) -> None:
         """
@@ -140,6 +141,8 @@ class RecorderRole:
             block = block_from_message(message)
             self._ends[topic] = max(self._ends[topic], block.end_index)
             end = self._end_time(block)
+        elif topic == topics.DRIVE_PROGRESS.name:
+            self._consumed = max(self._consumed, int(message.consumed))
         elif topic == topics.DRIVE_PROGRAM.name:
             self._note_program(program_from_message(message))
         elif topic == topics.PERFORMANCE.name and message.is_final:
