@@ -22,7 +22,10 @@ def list_params() -> list[tuple[str, list[str]]]:
     """Return every folder under params/ with its files, as data files of the package's share."""
     folders = sorted({path.parent for path in Path("params").rglob("*") if path.is_file()})
     return [
-        (f"share/{PACKAGE}/{folder}", sorted(str(path) for path in folder.iterdir() if path.is_file()))
+        (
+            f"share/{PACKAGE}/{folder}",
+            sorted(str(path) for path in folder.iterdir() if path.is_file()),
+        )
         for folder in folders
     ]
 

@@ -7,45 +7,40 @@ import sys
 
 sys.path.insert(0, os.path.dirname(os.path.dirname(os.path.realpath(__file__))))
 
-from bootstrap import environment  # noqa: E402
-from bootstrap.layout import Layout, find_layout  # noqa: E402
-from bootstrap.state import State  # noqa: E402
+from bootstrap import environment
+from bootstrap.layout import Layout, find_layout
+from bootstrap.state import State
 
 # Sections of the lock file that a verb needs beside the usual ones.
 EXTRAS = {"test": ("test",), "bench": ("bench",)}
+
+# The verbs that concern the environment itself; all others are imotor_ros.cli's.
+OWN_VERBS = ("clean", "setup", "shell-env", "test")
 
 
 def main(arguments: list[str]) -> int:
     """Run the command line and return its exit code, if it returns at all."""
     verb = arguments[0] if arguments else ""
     layout = find_layout(os.environ)
-    if verb == "clean":
+    changed = {}
+    if verb != "clean":
+        version = prepare(layout, EXTRAS.get(verb, ()))
+        if not version:
+            return 1
+        changed = environment.changed_variables(layout, version, os.environ)
+    if verb in OWN_VERBS:
         from bootstrap import verbs
 
-        return verbs.clean()
-
-    version = prepare(layout, EXTRAS.get(verb, ()))
-    if not version:
-        return 1
-    if verb == "setup":
-        return 0
-    changed = environment.changed_variables(layout, version, os.environ)
-    if verb == "shell-env":
-        from bootstrap import verbs
-
-        return verbs.shell_env(layout, changed)
+        return verbs.run(arguments, layout, changed)
     os.environ.update(changed)
-    if verb == "test":
-        from bootstrap import verbs
-
-        return verbs.test(layout, arguments[1:])
-    os.execv(layout.venv_python, [layout.venv_python, "-m", "imotor_ros.cli", *arguments])
+    # In place of this process, so that signals reach the verb.
+    return os.execv(layout.venv_python, [layout.venv_python, "-m", "imotor_ros.cli", *arguments])
 
 
 def prepare(layout: Layout, extras: tuple[str, ...]) -> str:
     """Set up what is out of date; return the environment's Python version, "" after a failure."""
     state = State.read(layout.state_file)
-    chosen = os.environ.get("IMOTOR_PYTHON")
+    chosen = os.environ.get("IMOTOR_PYTHON", "")
     is_chosen = not chosen or os.path.realpath(chosen) == state.interpreter
     if is_chosen and state.is_current(layout, extras):
         return state.version

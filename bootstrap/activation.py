@@ -21,7 +21,7 @@ def activate() -> None:
     layout = Layout(os.path.basename(os.path.dirname(sys.prefix)))
     if not os.path.samefile(layout.venv, sys.prefix) or environment.is_active(layout, os.environ):
         return
-    version = "%d.%d" % sys.version_info[:2]
+    version = f"{sys.version_info.major}.{sys.version_info.minor}"
     os.environ.update(environment.changed_variables(layout, version, os.environ))
     os.execv(sys.executable, [sys.executable, *sys.orig_argv[1:]])
 

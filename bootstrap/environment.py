@@ -14,9 +14,7 @@ HOOK_DONE = "_ROS_WHEELS_BOOTSTRAP_COMPLETE"
 MIDDLEWARE = "rmw_fastrtps_cpp"
 
 
-def changed_variables(
-    layout: Layout, version: str, environ: Mapping[str, str]
-) -> dict[str, str]:
+def changed_variables(layout: Layout, version: str, environ: Mapping[str, str]) -> dict[str, str]:
     """
     Return the variables to set on top of `environ`, whose own entries are kept.
 

@@ -27,6 +27,9 @@ NEEDED_SPACE = 1.5e9
 """Free disk space (bytes) that a new environment needs."""
 
 
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
 class Interrupted(BaseException):
     """A signal asked the set-up to stop."""
 
@@ -35,7 +38,7 @@ class Interrupted(BaseException):
         self.number = number
 
 
-def run(layout: Layout, extras: tuple[str, ...], chosen: str | None) -> str:
+def run(layout: Layout, extras: tuple[str, ...], chosen: str) -> str:
     """
     Set up what is out of date.
 
@@ -45,24 +48,22 @@ def run(layout: Layout, extras: tuple[str, ...], chosen: str | None) -> str:
         The environment.
     extras : tuple of str
         Sections of the lock file wanted beside the usual ones.
-    chosen : str or None
-        The Python the user asks for.
+    chosen : str
+        The Python the user asks for, "" for any.
 
     Returns
     -------
     str
         Python version of the environment, "" if the set-up failed (and said why).
     """
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, _interrupt)
+    previous = {number: signal.signal(number, _interrupt) for number in STOPPING_SIGNALS}
     try:
-        os.makedirs(layout.home, exist_ok=True)
         with SetupLock(layout.lock_file, _say_waiting) as lock:
             return Installation(layout, lock, extras, chosen).bring_up_to_date()
     except (SetupError, OSError) as error:
-        say("set-up stopped: %s" % error)
+        say(f"set-up stopped: {error}")
         if os.path.exists(layout.log_file):
-            say("the full log is %s" % layout.log_file)
+            say(f"the full log is {layout.log_file}")
         return ""
     except Interrupted as interrupted:
         say("set-up interrupted; the next start goes on from here")
@@ -70,15 +71,15 @@ def run(layout: Layout, extras: tuple[str, ...], chosen: str | None) -> str:
         os.kill(os.getpid(), interrupted.number)
         return ""
     finally:
-        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 class Installation:
     """One set-up of one environment, under its lock."""
 
     def __init__(
-        self, layout: Layout, lock: SetupLock, extras: tuple[str, ...], chosen: str | None
+        self, layout: Layout, lock: SetupLock, extras: tuple[str, ...], chosen: str
     ) -> None:
         self._layout = layout
         self._state = State.read(layout.state_file)
@@ -95,7 +96,7 @@ class Installation:
             "kernels": ("compile kernels", steps.compile_kernels),
         }
         for extra in extras:
-            title = "install packages for %s" % extra
+            title = f"install packages for {extra}"
             self._actions[extra] = (title, partial(steps.install_extra, extra))
 
     def bring_up_to_date(self) -> str:
@@ -119,7 +120,8 @@ class Installation:
         python = self._interpreter
         origin = [str(RECIPE), python.executable, python.version, self._layout.ros_modules]
         keys = {"packages": _hash(origin + steps.pins())}
-        keys["interfaces"] = _hash([keys["packages"], *_contents(root, files_under(root, "msg_defs"))])
+        interfaces = files_under(root, "msg_defs")
+        keys["interfaces"] = _hash([keys["packages"], *_contents(root, interfaces)])
         linked = ["setup.py", "setup.cfg", "package.xml", "resource/imotor_ros"]
         linked += files_under(root, "bootstrap")
         keys["links"] = _hash([keys["interfaces"], *_contents(root, linked)])
@@ -150,13 +152,13 @@ class Installation:
             free = shutil.disk_usage(self._layout.home).free
             if free < NEEDED_SPACE:
                 raise SetupError(
-                    "the disk is too full: %s needs %.1f GB, %.1f GB are free"
-                    % (self._layout.home, NEEDED_SPACE / 1e9, free / 1e9)
+                    f"the disk is full: {self._layout.home} needs {NEEDED_SPACE / 1e9:.1f} GB, "
+                    f"{free / 1e9:.1f} GB are free"
                 )
 
     def _run_steps(self, missing: list[str]) -> None:
         if "packages" in missing:
-            say("setting up in %s, about a minute" % self._layout.home)
+            say(f"setting up in {self._layout.home}, about a minute")
         self._progress.expect(len(missing))
         start = time.monotonic()
         for step in missing:

@@ -38,7 +38,7 @@ class Interpreter:
 
 
 def find_interpreter(
-    layout: Layout, environ: Mapping[str, str], chosen: str | None, recorded: str
+    layout: Layout, environ: Mapping[str, str], chosen: str, recorded: str
 ) -> Interpreter:
     """
     Return the Python to make the virtual environment from.
@@ -49,8 +49,8 @@ def find_interpreter(
         The environment; over a sourced ROS its `python3` is the only candidate.
     environ : mapping
         The user's variables.
-    chosen : str or None
-        What the user asks for (IMOTOR_PYTHON): the only candidate then.
+    chosen : str
+        What the user asks for (IMOTOR_PYTHON): where not "", the only candidate.
     recorded : str
         The one that an earlier set-up used, kept while it is still good.
 
@@ -67,28 +67,27 @@ def find_interpreter(
         fault = find_fault(found)
         if not fault:
             return Interpreter(found["executable"], found["version"])
-        remark = "%s %s" % (found["executable"], fault)
+        remark = f"{found['executable']} {fault}"
         if remark not in rejected:
             rejected.append(remark)
-    wanted = "CPython %s for x86-64 with its headers and venv" % " or ".join(VERSIONS)
-    looked_for = chosen or "python3, python3.12, python3.11, also under ~/.pyenv"
+    looked_for = chosen or "python3, python3.12 and python3.11 on PATH and under ~/.pyenv"
     raise SetupError(
-        "no suitable Python: need %s (looked for %s); %s"
-        % (wanted, looked_for, "; ".join(rejected) if rejected else "found none")
+        f"no suitable Python: CPython {' or '.join(VERSIONS)} for x86-64 with headers and venv "
+        f"is needed; looked for {looked_for}; found {'; '.join(rejected) or 'none'}"
     )
 
 
-def find_fault(found: dict[str, object]) -> str:
+def find_fault(found: Mapping[str, str]) -> str:
     """Return what makes a probed Python unsuitable, "" if nothing does."""
     version = found["version"]
     if found["implementation"] != "CPython" or version not in VERSIONS:
-        return "is %s %s" % (found["implementation"], version)
+        return f"(is {found['implementation']} {version})"
     if found["machine"] != "x86_64":
-        return "is for %s" % found["machine"]
+        return f"(is for {found['machine']})"
     if not found["venv"]:
-        return "lacks venv (on Debian and Ubuntu: apt install python%s-venv)" % version
+        return f"(lacks venv: on Debian and Ubuntu, apt install python{version}-venv)"
     if not found["headers"]:
-        return "lacks Python.h (on Debian and Ubuntu: apt install python%s-dev)" % version
+        return f"(lacks Python.h: on Debian and Ubuntu, apt install python{version}-dev)"
     return ""
 
 
@@ -111,7 +110,7 @@ def probe(python: str, environ: Mapping[str, str]) -> dict[str, str] | None:
 
 
 def _candidates(
-    layout: Layout, environ: Mapping[str, str], chosen: str | None, recorded: str
+    layout: Layout, environ: Mapping[str, str], chosen: str, recorded: str
 ) -> Iterator[str]:
     path = environ.get("PATH", os.defpath)
     if chosen:
@@ -160,6 +159,6 @@ def require_compilers(environ: Mapping[str, str]) -> None:
         if not find_program(names, variable, environ):
             looked_for = environ.get(variable) or ", ".join(names)
             raise SetupError(
-                "no %s compiler: looked for %s on PATH "
-                "(on Debian and Ubuntu: apt install g++)" % (language, looked_for)
+                f"no {language} compiler: looked for {looked_for} on PATH "
+                "(on Debian and Ubuntu, apt install g++)"
             )

@@ -64,7 +64,7 @@ class Programs:
                     pass_fds=[self._lock.fileno()],
                 )
             except OSError as error:
-                raise SetupError("cannot start %s: %s" % (command[0], error.strerror)) from error
+                raise SetupError(f"cannot start {command[0]}: {error.strerror}") from error
             output = bytearray()
             try:
                 self._follow(process, log.write, output)
@@ -136,4 +136,5 @@ def explain(output: str, program: str, code: int) -> str:
                 cause += ": " + line.split(text)[1].split("(")[0].strip()
             return cause
     lines = [line.strip() for line in output.splitlines() if "error" in line.lower()]
-    return "%s failed with exit code %d%s" % (program, code, ": " + lines[0] if lines else "")
+    first_error = f": {lines[0]}" if lines else ""
+    return f"{program} failed with exit code {code}{first_error}"

@@ -29,13 +29,13 @@ class Progress:
         if self._is_live:
             self.update("")
         else:
-            say("%s ..." % self._label())
+            say(f"{self._label()} ...")
 
     def update(self, detail: str) -> None:
         """Show what the step is at, and its elapsed time; on a terminal only."""
         if not self._is_live:
             return
-        text = "imotor: %s  %3.0f s  %s" % (self._label(), self._elapsed(), detail)
+        text = f"imotor: {self._label()}  {self._elapsed():3.0f} s  {detail}"
         width = shutil.get_terminal_size().columns - 1
         self._write("\r\033[K" + text[:width])
 
@@ -43,10 +43,10 @@ class Progress:
         """Finish the step."""
         if self._is_live:
             self._write("\r\033[K")
-        say("%s %s, %.1f s" % (self._label(), outcome, self._elapsed()))
+        say(f"{self._label()} {outcome}, {self._elapsed():.1f} s")
 
     def _label(self) -> str:
-        return "[%d/%d] %s" % (self._number, self._count, self._title)
+        return f"[{self._number}/{self._count}] {self._title}"
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._start

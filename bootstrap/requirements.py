@@ -35,7 +35,7 @@ def read_sections(root: str) -> dict[str, list[str]]:
                 pins = sections.setdefault(header.group(1), [])
             elif line and not line.startswith("#"):
                 if pins is None or not re.match(r"[A-Za-z0-9._-]+==\S+$", line):
-                    raise SetupError("%s:%d: not an exact pin in a section" % (path, number))
+                    raise SetupError(f"{path}:{number}: not an exact pin in a section")
                 pins.append(line)
     return sections
 

@@ -133,7 +133,7 @@ class Steps:
             self._pip_install(section, self._sections[section], "--ignore-installed")
             found = find_program(names, "", environ)
         if not found:
-            raise SetupError("no %s: looked for %s on PATH" % (section, " and ".join(names)))
+            raise SetupError(f"no {section}: looked for {' and '.join(names)} on PATH")
         return found
 
     def _pip_install(self, name: str, pins: list[str], *options: str) -> None:
@@ -237,14 +237,14 @@ def start_script(python: str, target: str) -> str:
         Such as "imotor_ros.nodes.plant:main".
     """
     module, function = (part.strip() for part in target.split(":"))
-    # The shell runs the second line; for Python lines two and three are a string.
+    # The shell runs the second line; for Python, lines two and three are a string.
     return (
         "#!/bin/sh\n"
-        "'''exec' \"%s\" \"$0\" \"$@\"\n"
+        f'\'\'\'exec\' "{python}" "$0" "$@"\n'
         "' '''\n"
         "import sys\n"
-        "from %s import %s\n"
-        "sys.exit(%s())\n" % (python, module, function, function)
+        f"from {module} import {function}\n"
+        f"sys.exit({function}())\n"
     )
 
 

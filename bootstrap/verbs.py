@@ -18,8 +18,33 @@ from bootstrap.progress import say
 CHECKS = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
-    ("import-linter", ["-m", "importlinter.cli", "lint"]),
+    ("import-linter", ["-c", "from importlinter.cli import lint_imports_command as run; run()"]),
 )
+
+
+def run(arguments: list[str], layout: Layout, changed: Mapping[str, str]) -> int:
+    """
+    Run one of the verbs and return its exit code.
+
+    Parameters
+    ----------
+    arguments : list of str
+        The verb and what follows it.
+    layout : Layout
+        The environment.
+    changed : mapping
+        Variables of the environment that the user's shell lacks.
+    """
+    verb = arguments[0]
+    if verb == "clean":
+        return clean()
+    if verb == "shell-env":
+        return shell_env(layout, changed)
+    if verb == "test":
+        os.environ.update(changed)
+        return test(layout, arguments[1:])
+    say(f"ready; this environment's Python is {layout.venv_python}")
+    return 0
 
 
 def clean() -> int:
@@ -27,12 +52,12 @@ def clean() -> int:
     for kind in (WHEELS, SOURCED):
         layout = Layout(kind)
         if os.path.isdir(layout.home):
-            with SetupLock(layout.lock_file, lambda: say("a set-up is running, waiting for its end")):
+            with SetupLock(layout.lock_file, _say_waiting):
                 shutil.rmtree(layout.home)
     folder = os.path.join(ROOT, ".imotor")
     if os.path.isdir(folder):
         shutil.rmtree(folder)
-        say("removed %s" % folder)
+        say(f"removed {folder}")
     return 0
 
 
@@ -41,7 +66,7 @@ def shell_env(layout: Layout, changed: Mapping[str, str]) -> int:
     programs = os.path.join(layout.venv, "bin")
     path = prepend([programs], os.environ.get("PATH", os.defpath))
     for name, value in {**changed, "PATH": path}.items():
-        print("export %s=%s" % (name, shlex.quote(value)))
+        print(f"export {name}={shlex.quote(value)}")
     return 0
 
 
@@ -63,14 +88,18 @@ def test(layout: Layout, arguments: list[str]) -> int:
     """
     failed = []
     for name, command in CHECKS:
-        print("== %s" % name, flush=True)
+        print(f"== {name}", flush=True)
         if _run([layout.venv_python, *command]):
             failed.append(name)
     if failed:
-        print("== failed before the tests: %s" % ", ".join(failed), flush=True)
+        print(f"== failed before the tests: {', '.join(failed)}", flush=True)
     print("== pytest", flush=True)
     code = _run([layout.venv_python, "-m", "pytest", *arguments])
     return code or (1 if failed else 0)
+
+
+def _say_waiting() -> None:
+    say("a set-up is running, waiting for it to end")
 
 
 def _run(command: list[str]) -> int:
