@@ -47,7 +47,6 @@ setup(
     install_requires=["setuptools", "numpy", "scipy", "numba", "rosbags", "matplotlib", "pyyaml"],
     python_requires=">=3.11",
     zip_safe=True,
-    tests_require=["pytest"],
     entry_points={
         "console_scripts": [f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES],
     },
