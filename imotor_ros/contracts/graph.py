@@ -63,6 +63,11 @@ RECORDER = Role(
     (),
     tuple(topic for topic in topics.ALL_TOPICS if topic.intent is topics.Intent.STREAM),
 )
+PLAYER = Role(
+    "player",
+    "player",
+    (*topics.MEASURED_TOPICS, topics.DRIVE_VOLTAGE, topics.DRIVE_PROGRESS),
+)
 
 VIRTUAL_STAND = (
     SIGNAL_GENERATOR,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Generator, Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -23,29 +22,18 @@ from imotor_ros.contracts import graph
 from imotor_ros.contracts.graph import Role
 from imotor_ros.contracts.messages import performance_from_message
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
-from imotor_ros.core.parameters import Parameters
 from imotor_ros.errors import DriveFaultError, ImotorError, RecordingError
 from imotor_ros.nodes.node_parameters import parameters_of_nodes
-from imotor_ros.nodes.process import NodeProcess, find_executable, stop_processes
-from imotor_ros.nodes.stand_client import (
-    ACTIVATE,
-    CLEAN_UP,
-    CONFIGURE,
-    DEACTIVATE,
-    PlayedProgram,
-    StandClient,
-)
+from imotor_ros.nodes.process import NodeProcess
+from imotor_ros.nodes.stand_client import PlayedProgram, StandClient
+from imotor_ros.nodes.stand_processes import STOP_TIMEOUT, StandProcesses
 
 
-@dataclass(frozen=True)
-class Timeouts:
-    """How long the bench waits (s) for what."""
+STALL_TIMEOUT = 30.0
+"""Longest wait (s) for the plant to consume anything."""
 
-    start: float = 60.0
-    transition: float = 60.0
-    stall: float = 30.0
-    finish: float = 60.0
-    stop: float = 10.0
+FINISH_TIMEOUT = 60.0
+"""Longest wait (s) for evaluator and recorder to finish a run that was played."""
 
 
 class RosBench:
@@ -63,8 +51,6 @@ class RosBench:
         Namespace of the stand.
     roles : tuple of Role
         The nodes.
-    timeouts : Timeouts
-        How long to wait for what.
 
     """
 
@@ -76,19 +62,16 @@ class RosBench:
         *,
         namespace: str = DEFAULT_NAMESPACE,
         roles: tuple[Role, ...] = graph.VIRTUAL_STAND,
-        timeouts: Timeouts | None = None,
     ) -> None:
         self._logs = log_directory
         self._namespace = namespace
         self._roles = roles
-        self._timeouts = timeouts or Timeouts()
-        self._processes: dict[str, NodeProcess] = {}
-        self._client: StandClient | None = None
+        self._stand: StandProcesses | None = None
 
     @property
     def processes(self) -> Mapping[str, NodeProcess]:
         """The running nodes by name."""
-        return self._processes
+        return {} if self._stand is None else self._stand.processes
 
     def __enter__(self) -> Self:
         """Return the bench; nodes start with the first run."""
@@ -103,32 +86,10 @@ class RosBench:
         """Stop all nodes."""
         self._stop_nodes()
 
-    # ---- nodes ---------------------------------------------------------------------------
-
-    @property
-    def _names(self) -> list[str]:
-        return [role.name for role in self._roles]
-
-    def _start_nodes(self) -> StandClient:
-        paths = {role.executable: find_executable(role.executable) for role in self._roles}
-        for role in self._roles:
-            log = self._logs / f"{role.name}.log"
-            self._processes[role.name] = NodeProcess(
-                paths[role.executable], role.name, self._namespace, log, role.remappings
-            )
-        self._client = StandClient(self._namespace, self._check_processes)
-        return self._client
-
-    def _check_processes(self) -> None:
-        for process in self._processes.values():
-            process.check()
-
     def _stop_nodes(self) -> None:
-        stop_processes(self._processes.values(), self._timeouts.stop)
-        self._processes.clear()
-        if self._client is not None:
-            self._client.close()
-            self._client = None
+        if self._stand is not None:
+            self._stand.stop()
+            self._stand = None
 
     # ---- one run -------------------------------------------------------------------------
 
@@ -151,33 +112,26 @@ class RosBench:
             raise
 
     def _carry_out(self, plan: RunPlan) -> Iterator[RunEvent]:
-        client = self._client
-        times = self._timeouts
-        if client is None:
+        if self._stand is None:
             yield PhaseEntered("start nodes")
-            client = self._start_nodes()
-            client.wait_for_nodes(self._names, times.start)
+            self._stand = StandProcesses(self._roles, self._logs, self._namespace)
+            self._stand.wait()
+        stand, client = self._stand, self._stand.client
         yield PhaseEntered("configure")
         plan.directory.mkdir(parents=True, exist_ok=True)
         if plan.bag_path.exists():
             shutil.rmtree(plan.bag_path)
         client.begin_run(plan.program, plan.run_info_json)
-        client.set_parameters(self._parameters(plan), times.transition)
-        client.change_state(self._names, CONFIGURE, times.transition)
-        client.change_state(self._names, ACTIVATE, times.transition)
+        stand.activate(parameters_of_nodes(plan, self._roles))
         yield PhaseEntered("run")
-        played = client.play(plan.program, times.transition)
+        played = client.play(plan.program, STALL_TIMEOUT)
         try:
             yield from self._follow(client, played, plan)
         except (KeyboardInterrupt, GeneratorExit):
             self._stop_gently(client, played)
             raise
         yield PhaseEntered("finish")
-        client.change_state(self._names, DEACTIVATE, times.transition)
-        client.change_state(self._names, CLEAN_UP, times.transition)
-
-    def _parameters(self, plan: RunPlan) -> dict[str, Parameters]:
-        return parameters_of_nodes(plan, self._roles)
+        stand.deactivate()
 
     def _follow(
         self, client: StandClient, played: PlayedProgram, plan: RunPlan
@@ -192,7 +146,7 @@ class RosBench:
             client.spin_until(
                 lambda seen=reported: len(client.performances) > seen or _is_closed(client),
                 "the evaluator and the recorder to finish the run",
-                self._timeouts.finish,
+                FINISH_TIMEOUT,
             )
             client.check_faults()
         yield from _new_reports(client, reported)
@@ -207,7 +161,7 @@ class RosBench:
             client.spin_until(
                 lambda seen=consumed: played.is_done or played.consumed > seen,
                 f"the plant to consume more than {consumed} samples",
-                self._timeouts.stall,
+                STALL_TIMEOUT,
             )
             client.check_faults()
             if played.consumed > consumed:
@@ -221,7 +175,7 @@ class RosBench:
             client.spin_until(
                 lambda: played.is_done and _is_closed(client),
                 "the stopped run to end",
-                self._timeouts.stop,
+                STOP_TIMEOUT,
             )
         except (ImotorError, KeyboardInterrupt):
             return

@@ -1,0 +1,104 @@
+"""Progress of a campaign on a terminal; silence elsewhere."""
+
+from __future__ import annotations
+
+from types import TracebackType
+from typing import Self
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+
+from imotor_ros.campaign.bench import DriveAdvanced, PerformanceReported, PhaseEntered
+from imotor_ros.campaign.runner import (
+    CampaignEvent,
+    CampaignFinished,
+    CampaignStarted,
+    PointFinished,
+    PointStarted,
+)
+from imotor_ros.cli.output import SCALES, format_indicator
+
+
+class CampaignProgress:
+    """
+    Shows the events of a campaign on standard error.
+
+    On a terminal a bar with point, phase, estimated end and the provisional velocity; elsewhere
+    one line for each finished point.
+    """
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        self._bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TextColumn("{task.percentage:>3.0f} %"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[note]}"),
+            console=self._console,
+            disable=not self._console.is_terminal,
+        )
+        self._task: TaskID | None = None
+        self._count = 0
+        self._done = 0
+        self._title = ""
+
+    def __enter__(self) -> Self:
+        """Show the bar."""
+        self._bar.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Leave the bar as it is."""
+        self._bar.stop()
+
+    def show(self, event: CampaignEvent) -> None:
+        """Show one event."""
+        match event:
+            case CampaignStarted():
+                self._count, self._done = len(event.campaign.points), event.done_before
+                self._task = self._bar.add_task(
+                    event.campaign.name, total=self._count, completed=self._done, note=""
+                )
+            case PointStarted():
+                self._title = f"{event.plan.name} ({event.number + 1}/{self._count})"
+                self._update(0.0, f"{self._title}: start")
+            case PhaseEntered():
+                self._update(None, f"{self._title}: {event.phase}")
+            case DriveAdvanced():
+                self._update(event.consumed / max(1, event.length), None)
+            case PerformanceReported():
+                velocity = event.performance.indicator("mean_velocity")
+                unit = SCALES["mean_velocity"].unit
+                note = f"v = {format_indicator(velocity)} {unit}" if velocity.is_available else ""
+                self._note(note)
+            case PointFinished():
+                self._finish_point(event)
+            case CampaignFinished():
+                self._update(0.0, "done")
+
+    def _finish_point(self, event: PointFinished) -> None:
+        self._done += 1
+        self._update(0.0, None)
+        result = event.result
+        text = f"{self._title}: {result.status}, {result.seconds:.1f} s"
+        if result.error:
+            text += f": {result.error}"
+        self._console.print(text, markup=False, highlight=False)
+
+    def _update(self, share: float | None, description: str | None) -> None:
+        if self._task is None:
+            return
+        if share is not None:
+            self._bar.update(self._task, completed=self._done + min(share, 0.99))
+        if description is not None:
+            self._bar.update(self._task, description=description)
+
+    def _note(self, text: str) -> None:
+        if self._task is not None:
+            self._bar.update(self._task, note=text)

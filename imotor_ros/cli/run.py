@@ -1,0 +1,146 @@
+"""
+Carry out a campaign.
+
+Every point leaves a bag, and results.json holds the indicators of all points beside what the
+models predict. With --resume, points that have a result already are left out.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from imotor_ros.bag.provenance import provenance
+from imotor_ros.campaign.bench import Bench
+from imotor_ros.campaign.campaign import Campaign, load_campaign
+from imotor_ros.campaign.runner import (
+    DONE,
+    RESULTS_NAME,
+    CampaignFinished,
+    PointResult,
+    run_campaign,
+)
+from imotor_ros.cli.main import main as run_verb
+from imotor_ros.cli.output import performance_table, print_json
+from imotor_ros.cli.progress import CampaignProgress
+from imotor_ros.errors import BadInputError, ImotorError
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of the verb."""
+    parser.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml", help="what to measure")
+    add_run_arguments(parser)
+
+
+def add_run_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of every verb that carries out runs."""
+    parser.add_argument(
+        "--bench", choices=("ros", "sim"), default="ros", help="ROS graph, or this process"
+    )
+    parser.add_argument(
+        "--output", type=Path, metavar="DIR", help="folder for bags and results, by default new"
+    )
+    parser.add_argument(
+        "--resume", action="store_true", help="leave out points that DIR has results of"
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Carry out the campaign and print its results."""
+    campaign = load_campaign(options.campaign)
+    output = output_folder(campaign, options)
+    results = carry_out(campaign, options, output)
+    report(results, output, as_json=options.json)
+    return 0 if all(result.status == DONE for result in results) else 1
+
+
+def output_folder(campaign: Campaign, options: argparse.Namespace) -> Path:
+    """
+    Return the folder for a campaign's bags and results.
+
+    Raises
+    ------
+    BadInputError
+        If it holds results and they are not to be resumed: nothing is overwritten.
+
+    """
+    if options.output is None:
+        if options.resume:
+            raise BadInputError("needs --output", where="--resume")
+        moment = datetime.now().strftime("%Y%m%d-%H%M%S")
+        return Path("results") / f"{campaign.name}-{moment}"
+    output: Path = options.output
+    if (output / RESULTS_NAME).exists() and not options.resume:
+        raise BadInputError(
+            "holds results already", where=str(output), bound="a new folder, or --resume"
+        )
+    return output
+
+
+def make_bench(kind: str, output: Path) -> Bench:
+    """Return a bench of the kind "ros" or "sim"."""
+    if kind == "sim":
+        from imotor_ros.campaign.sim_bench import SimBench
+
+        return SimBench()
+    from imotor_ros.nodes.ros_bench import RosBench
+
+    return RosBench(output / "logs")
+
+
+def carry_out(
+    campaign: Campaign, options: argparse.Namespace, output: Path
+) -> tuple[PointResult, ...]:
+    """Carry out a campaign, showing progress, and return the results of its points."""
+    results: tuple[PointResult, ...] = ()
+    with make_bench(options.bench, output) as bench, CampaignProgress() as progress:
+        events = run_campaign(
+            campaign, bench, output, resume=options.resume, provenance=provenance
+        )
+        try:
+            for event in events:
+                progress.show(event)
+                if isinstance(event, CampaignFinished):
+                    results = event.results
+        except KeyboardInterrupt:
+            events.close()
+            print(
+                f"stopped; go on with: --output {output} --resume",
+                file=sys.stderr,
+            )
+            raise
+    return results
+
+
+def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> None:
+    """Print results, as JSON or as a table for each point."""
+    if as_json:
+        print_json(
+            {
+                "output": str(output),
+                "results": str(output / RESULTS_NAME),
+                "points": [
+                    {**result.to_mapping(), "bag": str(output / result.bag)} for result in results
+                ],
+            }
+        )
+        return
+    for result in results:
+        print(f"\n{result.name}  ({output / result.bag})")
+        if result.performance is None:
+            print(f"failed: {result.error}")
+        else:
+            print(performance_table(result.performance, result.predictions))
+    print(f"\nresults: {output / RESULTS_NAME}")
+
+
+def main() -> int:
+    """Run the verb as an executable of its own, as `ros2 run imotor_ros run_campaign` does."""
+    try:
+        return run_verb(["run", *sys.argv[1:]])
+    except ImotorError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 1

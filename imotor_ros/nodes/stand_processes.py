@@ -1,0 +1,120 @@
+"""The nodes of a stand as a group of processes with the client that manages them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from imotor_ros.contracts.graph import Role
+from imotor_ros.core.parameters import Parameters
+from imotor_ros.nodes.process import NodeProcess, find_executable, stop_processes
+from imotor_ros.nodes.stand_client import (
+    ACTIVATE,
+    CLEAN_UP,
+    CONFIGURE,
+    DEACTIVATE,
+    StandClient,
+)
+
+START_TIMEOUT = 60.0
+"""Longest wait (s) for the nodes to come up, and for each of their transitions."""
+
+STOP_TIMEOUT = 10.0
+"""Longest wait (s) for the nodes to end when asked to."""
+
+
+class StandProcesses:
+    """
+    Starts the nodes of a stand, takes them through their lifecycle, and stops them.
+
+    Parameters
+    ----------
+    roles : tuple of Role
+        The nodes.
+    log_directory : Path
+        Folder for their logs.
+    namespace : str
+        Namespace of the stand.
+
+    """
+
+    def __init__(self, roles: tuple[Role, ...], log_directory: Path, namespace: str) -> None:
+        self.roles = roles
+        self.namespace = namespace
+        self.processes: dict[str, NodeProcess] = {}
+        paths = {role.executable: find_executable(role.executable) for role in roles}
+        for role in roles:
+            log = log_directory / f"{role.name}.log"
+            self.processes[role.name] = NodeProcess(
+                paths[role.executable], role.name, namespace, log, role.remappings
+            )
+        self.client = StandClient(namespace, self.check)
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the nodes."""
+        return [role.name for role in self.roles]
+
+    def check(self) -> None:
+        """
+        Check that every node is still there.
+
+        Raises
+        ------
+        NodeDiedError
+            If one has ended.
+
+        """
+        for process in self.processes.values():
+            process.check()
+
+    def wait(self) -> None:
+        """
+        Wait until all nodes can be managed.
+
+        Raises
+        ------
+        DeadlineError
+            If one does not come up.
+
+        """
+        self.client.wait_for_nodes(self.names, START_TIMEOUT)
+
+    def activate(self, parameters: Mapping[str, Parameters]) -> None:
+        """
+        Give all nodes their parameters, configure and activate them.
+
+        Raises
+        ------
+        RunError
+            If one refuses or fails; with the reason.
+
+        """
+        self.client.set_parameters(dict(parameters), START_TIMEOUT)
+        self.client.change_state(self.names, CONFIGURE, START_TIMEOUT)
+        self.client.change_state(self.names, ACTIVATE, START_TIMEOUT)
+
+    def deactivate(self) -> None:
+        """Deactivate and clean up all nodes, so that they can be configured anew."""
+        self.client.change_state(self.names, DEACTIVATE, START_TIMEOUT)
+        self.client.change_state(self.names, CLEAN_UP, START_TIMEOUT)
+
+    def stop(self) -> None:
+        """Stop all nodes; those that do not listen are killed."""
+        stop_processes(self.processes.values(), STOP_TIMEOUT)
+        self.client.close()
+
+    def __enter__(self) -> Self:
+        """Return the group."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Stop all nodes."""
+        self.stop()
