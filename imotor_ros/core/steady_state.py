@@ -1,0 +1,339 @@
+"""
+Steady state of a sequence of period means: where it begins, whether it is one, how sure its mean.
+
+Used for the slider velocity during the free run and for the load force after contact. Only the
+measured means are looked at; their noise is estimated from them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from imotor_ros.core.regression import TOLERANCE, ExponentialFit, fit_exponential
+
+Array = NDArray[np.float64]
+
+# Periods that enter the regression one by one; later ones are averaged in growing groups.
+_SINGLE_PERIODS = 64
+_GROUPS_PER_OCTAVE = 24
+
+# What an exponential must gain in chi square over a constant: by chance less than once in 1000.
+_SIGNIFICANT_GAIN = 16.0
+
+# From the median of absolute values to the standard deviation of a normal distribution.
+_MEDIAN_TO_DEVIATION = 1.4826
+
+SIGNIFICANT = 3.0
+"""Multiples of its standard uncertainty from which on a difference counts as one."""
+
+
+def student_factor(freedom: float) -> float:
+    """
+    Return by how much a standard error grows so that twice it covers 95.45 %.
+
+    Student's t at the two-sided 95.45 % point over 2, for `freedom` degrees of freedom (>= 1),
+    by the Cornish-Fisher expansion in 1 / freedom; exact to 2 % from 2 degrees on.
+    """
+    z, v = 2.0, max(freedom, 1.0)
+    terms = (
+        z,
+        (z**3 + z) / (4.0 * v),
+        (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / (96.0 * v**2),
+        (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / (384.0 * v**3),
+    )
+    return sum(terms) / z
+
+
+def standard_error(values: Array) -> float:
+    """
+    Return the standard error of the mean of successive values, which may be correlated.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+        Period means, or any value per period, in order.
+
+    Returns
+    -------
+    float
+        In the unit of the values; infinite for fewer than two of them.
+
+    Notes
+    -----
+    The autocorrelations are added up to the first that is not positive, at most over a quarter
+    of the values; they make n values count as fewer. What few values leave open widens the
+    result by `student_factor`.
+
+    """
+    n = values.size
+    if n < 2:
+        return math.inf
+    rest = values - np.mean(values)
+    variance = float(np.mean(rest * rest))
+    if variance == 0.0:
+        return 0.0
+    factor = 1.0
+    for lag in range(1, min(n // 4, 100) + 1):
+        correlation = float(np.sum(rest[lag:] * rest[:-lag])) / (n * variance)
+        if correlation <= 0.0:
+            break
+        factor += 2.0 * correlation
+    effective = max(n / factor, 2.0)
+    return math.sqrt(variance / (effective - 1.0)) * student_factor(effective - 1.0)
+
+
+def noise_of(values: Array) -> float:
+    """
+    Return the standard deviation of single values about a slow course.
+
+    From the median of the absolute differences of neighbours: neither a trend nor a few
+    outliers matter.
+    """
+    if values.size < 2:
+        return 0.0
+    differences = np.abs(np.diff(values))
+    return float(np.median(differences)) * _MEDIAN_TO_DEVIATION / math.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class Settling:
+    """
+    The exponential through period means, and whether it says more than a constant.
+
+    Attributes
+    ----------
+    fit : ExponentialFit
+        The regression; the covariance is scaled up where the curve does not fit the means.
+    is_significant : bool
+        True if the exponential is more than noise.
+    noise : float
+        Standard deviation of single period means.
+
+    """
+
+    fit: ExponentialFit
+    is_significant: bool
+    noise: float
+
+    def remainder(self, time: float) -> float:
+        """Return how far the curve is from its asymptote at a time (s)."""
+        return abs(self.fit.amplitude) * math.exp(-time / self.fit.time_constant)
+
+
+def fit_settling(times: Array, values: Array) -> Settling:
+    """
+    Fit an exponential to period means.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Middles of the periods (s), equally spaced.
+    values : ndarray, shape (n,)
+        The means.
+
+    """
+    noise = noise_of(values[values.size // 2 :])
+    starts = _group_starts(values.size)
+    counts = np.diff(np.append(starts, values.size))
+    t = np.add.reduceat(times, starts) / counts
+    y = np.add.reduceat(values, starts) / counts
+    floor = 1e-9 * float(np.max(np.abs(values))) + 1e-300
+    deviations = max(noise, floor) / np.sqrt(counts)
+    fit = fit_exponential(t, y, deviations)
+    if not math.isfinite(fit.time_constant):
+        return Settling(fit, False, noise)
+    weights = 1.0 / deviations**2
+    mean = float(np.sum(weights * y) / np.sum(weights))
+    flat = float(np.sum(weights * (y - mean) ** 2))
+    start = fit.amplitude * np.exp(-t / fit.time_constant)
+    bent = float(np.sum(weights * (y - fit.asymptote - start) ** 2))
+    scale = max(1.0, bent / max(t.size - 3, 1))
+    scaled = ExponentialFit(
+        fit.asymptote, fit.time_constant, fit.amplitude, fit.covariance * scale, fit.residual,
+        fit.reason,
+    )  # fmt: skip
+    return Settling(scaled, flat - bent > _SIGNIFICANT_GAIN * scale, noise)
+
+
+def _group_starts(count: int) -> NDArray[np.int64]:
+    """Return where groups of periods start: one by one at first, then ever longer groups."""
+    starts = list(range(min(count, _SINGLE_PERIODS)))
+    position = _SINGLE_PERIODS
+    while position < count:
+        starts.append(position)
+        position += max(1, round(position / _GROUPS_PER_OCTAVE))
+    return np.array(starts, dtype=np.int64)
+
+
+@dataclass(frozen=True)
+class SteadyState:
+    """
+    The steady part of a sequence of period means.
+
+    Attributes
+    ----------
+    first, end : int
+        First value of the steady part, and the one after its last.
+    drift : float
+        Standard uncertainty of the mean from what may be left of the settling.
+    reason : str
+        Why there is no steady part; empty if there is one.
+    settling : Settling or None
+        The regression; None with too few values for one.
+
+    """
+
+    first: int
+    end: int
+    drift: float
+    reason: str
+    settling: Settling | None
+
+
+def find_steady_state(
+    times: Array, values: Array, *, minimum: int, level: float, bound: float, what: str
+) -> SteadyState:
+    """
+    Find the steady part of a sequence of period means.
+
+    Parameters
+    ----------
+    times : ndarray, shape (n,)
+        Middles of the periods (s), equally spaced.
+    values : ndarray, shape (n,)
+        The means.
+    minimum : int
+        Number of values that a steady part must have.
+    level : float
+        The steady part begins where the fitted exponential is this near its asymptote (relative).
+    bound : float
+        Largest change within the steady part (relative) that is tolerated where it is
+        significant.
+    what : str
+        Name of the quantity, for the reason, e.g. "the velocity".
+
+    Notes
+    -----
+    Where no exponential stands out of the noise, the part to leave out is the one that minimises
+    the marginal standard error (MSER) of the rest, at most half.
+
+    """
+    n = values.size
+    if n < minimum:
+        return SteadyState(0, n, math.nan, _too_few(n, minimum), None)
+    settling = fit_settling(times, values)
+    fit = settling.fit
+    is_fitted = settling.is_significant and fit.is_valid
+    if is_fitted:
+        first = _settled_from(settling, times, level)
+    else:
+        first = _least_marginal_error(values)
+    if n - first < minimum:
+        late = first * (times[1] - times[0]) * 1e3
+        return SteadyState(
+            first, n, math.nan,
+            f"{what} has not settled: it comes within {level:.1%} of its steady value "
+            f"{late:.3g} ms after the first whole period; {_too_few(max(n - first, 0), minimum)}",
+            settling,
+        )  # fmt: skip
+    drift, reason = _check_trend(values[first:], bound, what)
+    if is_fitted and not reason:
+        left = _mean_remainder(settling, times[first], times[-1])
+        drift = math.hypot(drift, left)
+    return SteadyState(first, n, drift, reason, settling)
+
+
+def _too_few(count: int, minimum: int) -> str:
+    return f"only {count} whole periods are left, at least {minimum} are needed"
+
+
+def _settled_from(settling: Settling, times: Array, level: float) -> int:
+    """Return the first period in which what is left of the exponential does not matter."""
+    fit = settling.fit
+    # no need to be far below what the noise leaves uncertain in the mean
+    enough = max(level * abs(fit.asymptote), 0.2 * settling.noise / math.sqrt(times.size))
+    ratio = abs(fit.amplitude) / enough
+    time = fit.time_constant * math.log(ratio) if ratio > 1.0 else 0.0
+    return int(np.searchsorted(times, time))
+
+
+def _mean_remainder(settling: Settling, start: float, end: float) -> float:
+    tau = settling.fit.time_constant
+    if end <= start:
+        return settling.remainder(start)
+    return (settling.remainder(start) - settling.remainder(end)) * tau / (end - start)
+
+
+def _least_marginal_error(values: Array) -> int:
+    """Return how many values to leave out so that the rest's mean has the least MSER."""
+    n = values.size
+    rest = values - np.mean(values[n // 2 :])
+    counts = np.arange(n, 0, -1)
+    sums = np.cumsum(rest[::-1])[::-1]
+    squares = np.cumsum((rest * rest)[::-1])[::-1]
+    errors = (squares - sums * sums / counts) / counts.astype(np.float64) ** 2
+    return int(np.argmin(errors[: n // 2 + 1]))
+
+
+def _check_trend(values: Array, bound: float, what: str) -> tuple[float, str]:
+    """Return the uncertainty due to a trend within the bound, and a reason if it is beyond."""
+    half = values.size // 2
+    early, late = values[:half], values[half:]
+    change = float(np.mean(late) - np.mean(early))
+    error = math.hypot(standard_error(early), standard_error(late))
+    mean = abs(float(np.mean(values)))
+    if abs(change) <= SIGNIFICANT * error:
+        return 0.0, ""
+    if abs(change) > bound * mean:
+        share = f"{change / mean:+.2%}" if mean > 0.0 else f"{change:+.3g}"
+        return math.nan, (
+            f"{what} has not settled: from the first to the second half of {values.size} "
+            f"periods its mean changes by {share} (bound {bound:.2%})"
+        )
+    return abs(change), ""
+
+
+def start_up_time(settling: Settling, first_time: float) -> tuple[float, float, str]:
+    """
+    Return the start-up time, its standard uncertainty, and a reason if there is none.
+
+    Parameters
+    ----------
+    settling : Settling
+        The regression of the period-mean velocity, times from the start of the drive.
+    first_time : float
+        Middle of the first period that entered it (s).
+
+    Notes
+    -----
+    The time t_0.99 or, where the velocity falls, t_1.01: when the regression comes within 1 %
+    of its asymptote.
+
+    """
+    fit = settling.fit
+    if not settling.is_significant:
+        return math.nan, math.nan, (
+            f"no start-up stands out of the noise of the period means ({settling.noise:.2g} m/s)"
+        )
+    if not fit.is_valid:
+        return math.nan, math.nan, fit.reason
+    ratio = abs(fit.amplitude) / (TOLERANCE * abs(fit.asymptote))
+    time = fit.time_constant * math.log(ratio) if ratio > 0.0 else 0.0
+    if time < first_time:
+        return math.nan, math.nan, (
+            f"the first whole period at full drive is steady already: it takes less than "
+            f"{first_time * 1e3:.3g} ms"
+        )
+    a, tau, b = fit.asymptote, fit.time_constant, fit.amplitude
+    gradient = np.array([-tau / a, math.log(ratio), tau / b])
+    uncertainty = math.sqrt(max(float(gradient @ fit.covariance @ gradient), 0.0))
+    if uncertainty > time:
+        return math.nan, math.nan, (
+            f"the start-up time is lost in the noise: {time * 1e3:.3g} ms with a standard "
+            f"uncertainty of {uncertainty * 1e3:.3g} ms"
+        )
+    return time, uncertainty, ""
