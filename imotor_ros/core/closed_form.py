@@ -8,7 +8,7 @@ phase theta,
                                             G_s = (s F_0 + F_x) / (m omega),
 
 with the answer w = h(theta) + (w_0 - h_0) E - G_s phi_1, where h is the periodic response to the
-rod alone, E = exp(-Lambda D) and phi_1 = (1 - E) / Lambda over the phase D gone. exp(Lambda theta) w
+rod alone, E = exp(-Lambda D) and phi_1 = (1 - E) / Lambda over the phase D gone. exp(Lambda D) w
 is monotone between the phases where alpha = G_s, which are the same in every period. So between
 two of them w has one zero or none, and which of the two is seen from its value at the second: no
 event is searched for, and none can be missed. Where sticking can begin and where it ends are fixed
@@ -93,7 +93,7 @@ def simulate(
     _check(friction, load, periods, initial_velocity)
     case = _Case.make(motion, slider, friction, load)
     rows = np.empty((5, periods))
-    capacity = 0
+    capacity = 6 * periods if record else 0
     while True:
         segments = np.empty((capacity, 4))
         count, final = _solve(
@@ -110,7 +110,7 @@ def simulate(
     omega = case.omega
     positive, negative, low, high, stick = rows
     mean = -(positive + negative) / _TURN
-    path = _Segments(case, segments, 0.0, periods) if record else None
+    path = _Segments(case, segments[:count], 0.0, periods) if record else None
     force = load.constant_force if load else 0.0
     return PeriodTable(
         period=motion.period,

@@ -40,13 +40,16 @@ AWAY, PUSHING, TRAILING = 0, 1, 2
 NOTHING, ZERO, EXIT, TOUCH, FAILED = 0, 1, 2, 3, 4
 
 # Rows of the series workspace.
-_W, _V, _X, _L, _E, _G, _NEED, _TEST = 0, 1, 2, 3, 4, 5, 6, 7
+_W, _V, _X, _L, _E, _G, _NEED, _TEST, _RATE, _STEP = range(10)
 SLIDER_VELOCITY, SLIDER_POSITION, LOAD = _V, _X, _L
 
 
-def series_workspace(order: int) -> np.ndarray:
-    """Return the scratch memory of `advance` for series up to t^order."""
-    return np.zeros((8, order + 2))
+def series_workspace(order: int, mass: float) -> np.ndarray:
+    """Return the memory of `advance` for series up to t^order and a slider of `mass` (kg)."""
+    work = np.zeros((10, order + 2))
+    work[_STEP] = 1.0 / np.arange(1, order + 3)
+    work[_RATE] = work[_STEP] / mass
+    return work
 
 
 def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> np.ndarray:
@@ -116,7 +119,7 @@ def _load_coefficient(k, s, stop, p):
 @njit(cache=True, error_model="numpy")
 def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s):
     """Taylor coefficients of w, v, x, L while sliding; `push`, `lift` are linear in time."""
-    mass, sign = p[MASS], float(mode)
+    sign = float(mode)
     s[_W, 0], s[_V, 0], s[_X, 0] = w0, r[0] - w0, x0
     excess, gaussian = p[EXCESS], p[EXPONENT] == 2.0
     before = 0.0
@@ -144,11 +147,11 @@ def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s):
         before = force
         s[_L, k] = _load_coefficient(k, s, stop, p)
         outer = push[k] if k < 2 else 0.0
-        s[_V, k + 1] = (sign * friction + outer - s[_L, k]) / (mass * (k + 1))
+        s[_V, k + 1] = (sign * friction + outer - s[_L, k]) * s[_RATE, k]
         if k == 0 and known == 2:
             s[_V, 1] = r[1]
         s[_W, k + 1] = r[k + 1] - s[_V, k + 1]
-        s[_X, k + 1] = s[_V, k] / (k + 1)
+        s[_X, k + 1] = s[_V, k] * s[_STEP, k]
     s[_L, order] = _load_coefficient(order, s, stop, p)
 
 
@@ -159,7 +162,7 @@ def _sticking_series(stop, x0, r, order, push, p, s):
     for k in range(order + 1):
         s[_W, k], s[_V, k] = 0.0, r[k]
         if k < order:
-            s[_X, k + 1] = r[k] / (k + 1)
+            s[_X, k + 1] = r[k] * s[_STEP, k]
         s[_L, k] = _load_coefficient(k, s, stop, p)
         if k:
             outer = push[k - 1] if k < 3 else 0.0

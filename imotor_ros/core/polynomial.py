@@ -14,13 +14,24 @@ import math
 import numpy as np
 from numba import njit
 
-MAXIMUM_DEGREE = 40
+MAXIMUM_DEGREE = 30
 _DEPTH = 60
+_WIDTH = MAXIMUM_DEGREE + 3
 
 
 def root_workspace() -> np.ndarray:
-    """Return the scratch memory that the functions of this module ask for."""
-    return np.empty((_DEPTH + 2, MAXIMUM_DEGREE + 3))
+    """
+    Return the memory that the functions of this module ask for: scratch rows, then tables.
+
+    For each degree n the table holds, in row i and column j >= i, C(j, i) / C(n, i): the share
+    that coefficient i, times length^i, has in Bernstein coefficient j.
+    """
+    work = np.zeros((_DEPTH + 2 + (MAXIMUM_DEGREE + 1) ** 2, _WIDTH))
+    for n in range(1, MAXIMUM_DEGREE + 1):
+        for i in range(n + 1):
+            row = work[_DEPTH + 2 + n * (MAXIMUM_DEGREE + 1) + i]
+            row[i : n + 1] = [math.comb(j, i) / math.comb(n, i) for j in range(i, n + 1)]
+    return work
 
 
 @njit(cache=True, error_model="numpy")
@@ -51,12 +62,12 @@ def slope(c, degree, t):
 
 
 @njit(cache=True, error_model="numpy")
-def _polish(c, first, degree, low, high, sign_low):
-    """Newton's method inside a bracket that holds exactly one root; halving where it strays."""
-    t = 0.5 * (low + high)
+def _polish(c, first, degree, low, high, sign_low, t):
+    """Halley's method inside a bracket that holds exactly one root; halving where it strays."""
     for _ in range(100):
-        value, rate = c[degree], 0.0
+        value, rate, bend = c[degree], 0.0, 0.0
         for i in range(degree - 1, first - 1, -1):
+            bend = bend * t + rate
             rate = rate * t + value
             value = value * t + c[i]
         if value == 0.0:
@@ -65,10 +76,14 @@ def _polish(c, first, degree, low, high, sign_low):
             low = t
         else:
             high = t
-        following = t - value / rate if rate != 0.0 else low
+        # `bend` is half the second derivative.
+        below = rate - value * bend / rate
+        following = t - value / below
         if not (low < following < high):
             following = 0.5 * (low + high)
-        if abs(following - t) <= 2e-16 * high or not (low < following < high):
+            if not (low < following < high):
+                return t
+        elif abs(following - t) <= 1e-15 * high:
             return following
         t = following
     return t
@@ -112,14 +127,14 @@ def first_root(c, first, degree, length, work):
     if n == 0:
         return math.inf
     b = work[0]
-    power, binomial = 1.0, 1.0
-    for i in range(n + 1):
-        b[i] = c[first + i] * power / binomial
+    for j in range(n + 1):
+        b[j] = c[first]
+    power, table = length, _DEPTH + 2 + n * (MAXIMUM_DEGREE + 1)
+    for i in range(1, n + 1):
+        scaled, row = c[first + i] * power, work[table + i]
         power *= length
-        binomial = binomial * (n - i) / (i + 1)
-    for k in range(1, n + 1):
-        for j in range(n, k - 1, -1):
-            b[j] += b[j - 1]
+        for j in range(i, n + 1):
+            b[j] += scaled * row[j]
     # Rows of `work` are a stack of intervals, the leftmost on top; the last two entries of a
     # row are its ends.
     work[0, n + 1], work[0, n + 2] = 0.0, 1.0
@@ -134,7 +149,13 @@ def first_root(c, first, degree, length, work):
             if b[n] == 0.0:
                 changes = 2
             else:
-                return _polish(c, first, degree, low * length, high * length, -b[n])
+                k = 1
+                while b[k] * b[0] > 0.0:
+                    k += 1
+                # Where the control polygon crosses zero is close to the root.
+                start = (k - b[k] / (b[k] - b[k - 1])) / n
+                start = (low + (high - low) * start) * length
+                return _polish(c, first, degree, low * length, high * length, -b[n], start)
         if changes == 0:
             if b[n] == 0.0 and high == 1.0 and low < 1.0 and b[0] != 0.0:
                 return length

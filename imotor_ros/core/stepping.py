@@ -154,7 +154,7 @@ class SliderStepper:
         self._constants = constants(slider.mass, friction.numbers, load.numbers)
         self._start = (float(position), float(velocity))
         self._state: SliderState | None = None
-        self._series = series_workspace(_ORDER)
+        self._series = series_workspace(_ORDER, slider.mass)
         self._roots = root_workspace()
 
     @property
