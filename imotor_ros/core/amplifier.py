@@ -75,8 +75,9 @@ class Amplifier:
 
     Notes
     -----
-    The load counts as a capacitor, also for a stator that moves: with the free capacitance of the
-    stator that is right well below its resonance.
+    The load counts as a capacitor, also for a stator that moves. With the stator's free
+    capacitance that is right well below its resonance; a voltage with the corners of a limited
+    slope makes the stator ring, and its current then swings beyond the limit, up to twice.
 
     """
 
@@ -164,31 +165,35 @@ def _limited_step(u: float, c: float, slope: float, tau: float, limit: float) ->
     one sample c - u is monotone: at most limited, free, limited on the other side.
     """
     edge = tau * limit
+    goal = slope * tau  # what the gap tends to while free
+    gap = c - u
+    side = 0.0
+    if gap > edge or (gap == edge and goal > edge):
+        side = 1.0
+    elif gap < -edge or (gap == -edge and goal < -edge):
+        side = -1.0
     left = 1.0
     for _ in range(4):
-        gap = c - u
-        goal = slope * tau  # what the gap tends to while free
-        side = 1.0 if gap > edge or (gap == edge and goal > edge) else 0.0
-        side = -1.0 if gap < -edge or (gap == -edge and goal < -edge) else side
+        # the gap at a switch is set, not computed: rounding must not find the switch again
         if side != 0.0:
-            closing = side * (side * limit - slope)
+            closing = limit - side * slope
             excess = side * gap - edge
             if closing * left <= excess:
-                return u + side * limit * left
+                return c - gap + side * limit * left
             span = excess / closing
-            c += slope * span
-            u = c - side * edge
+            gap = side * edge
+            side = 0.0
         else:
-            reached = edge if goal > edge else -edge
             span = left
             if abs(goal) > edge:
-                span = tau * math.log((goal - gap) / (goal - reached))
+                side = 1.0 if goal > 0.0 else -1.0
+                span = tau * math.log((goal - gap) / (goal - side * edge))
             if span >= left:
                 return c + slope * left - (goal + (gap - goal) * math.exp(-left / tau))
-            c += slope * span
-            u = c - reached
+            gap = side * edge
+        c += slope * span
         left -= span
-    return u
+    return c - gap
 
 
 @njit(
