@@ -49,12 +49,16 @@ class EvaluatorNode(RunFollowerNode[EvaluatorNodeParameters]):
 
     def configure(self) -> None:
         """Make the endpoints."""
-        self._early_channels = {}
         self._performance = self.add_publisher(PERFORMANCE)
         self.follow_run()
         self.add_subscription(CHANNELS, self._on_channel)
         for name in self.parameters.channel_names:
             self.follow_stream(topic_named(name))
+
+    def activate(self) -> None:
+        """Forget the last run."""
+        super().activate()
+        self._early_channels = {}
 
     def begin_run(self, program: DriveProgram) -> None:
         """Begin to evaluate a run."""

@@ -11,7 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.timer import Timer
 
-from imotor_ros.bag.reader import RunBag
+from imotor_ros.bag.reader import BagMessage, RunBag
 from imotor_ros.contracts import topics
 from imotor_ros.core.parameters import parameter
 from imotor_ros.errors import BadInputError, ImotorError
@@ -41,7 +41,7 @@ class PlayerNode(StandNode[PlayerParameters]):
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
         super().__init__("player", PlayerParameters, context=context, **options)
         self._bag: RunBag | None = None
-        self._messages: Iterator[tuple[str, bytes]] = iter(())
+        self._messages: Iterator[BagMessage] = iter(())
         self._played = 0
         self._timer: Timer | None = None
         self._publisher_of: dict[str, Any] = {}
@@ -51,14 +51,12 @@ class PlayerNode(StandNode[PlayerParameters]):
         if not self.parameters.path:
             raise BadInputError("is not set", where="path", bound="the folder of a bag")
         self._bag = RunBag(Path(self.parameters.path))
-        self._bag.open()
         self._publisher_of = {topic.name: self.add_publisher(topic) for topic in PLAYED_TOPICS}
 
     def activate(self) -> None:
         """Begin to play."""
         assert self._bag is not None
-        names = {topic.name for topic in PLAYED_TOPICS}
-        self._messages = self._bag.raw_messages(names)
+        self._messages = self._bag.messages(*(topic.name for topic in PLAYED_TOPICS))
         self._played = 0
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._timer = self.create_timer(0.0, self._on_timer, clock=steady)
@@ -66,8 +64,8 @@ class PlayerNode(StandNode[PlayerParameters]):
     def _on_timer(self) -> None:
         # one message a call: services and signals are heard in between
         try:
-            name, data = next(self._messages)
-            self.publish(self._publisher_of[name], data)
+            message = next(self._messages)
+            self.publish(self._publisher_of[message.topic], message.data)
             self._played += 1
         except StopIteration:
             self._stop_timer()

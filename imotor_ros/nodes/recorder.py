@@ -77,11 +77,13 @@ class RecorderNode(StandNode[RecorderParameters]):
 
     def configure(self) -> None:
         """Make the endpoints."""
-        self._early.clear()
-        self._done.clear()
         self._state = self.add_publisher(topics.RECORDING)
         for topic in topics.ALL_TOPICS:
             self.add_subscription(topic, self._receiver(topic), raw=True)
+
+    def activate(self) -> None:
+        """Make ready for a run."""
+        self._done.clear()
 
     def deactivate(self) -> None:
         """Close the bag of a run that has not come to its end."""

@@ -27,13 +27,17 @@ class RunFollowerNode(StandNode[P]):
 
     def follow_run(self) -> None:
         """Subscribe to the drive program; to be called in `configure`."""
-        self.program = None
-        self._waiting = deque()
+        self.activate()
         self.add_subscription(DRIVE_PROGRAM, self._on_program)
 
     def follow_stream(self, topic: Topic) -> None:
         """Subscribe to a stream of samples; to be called in `configure`."""
         self.add_block_subscription(topic, self._on_block)
+
+    def activate(self) -> None:
+        """Forget the last run."""
+        self.program = None
+        self._waiting = deque()
 
     def begin_run(self, program: DriveProgram) -> None:
         """Make ready for the blocks of a new run."""
@@ -45,6 +49,8 @@ class RunFollowerNode(StandNode[P]):
         """Process one block of the present run."""
 
     def _on_program(self, message: Any) -> None:
+        if not self.is_active:
+            return
         program = program_from_message(message)
         is_new = self.program is None or program.run_id != self.program.run_id
         self.program = program

@@ -115,10 +115,10 @@ class StandNode(LifecycleNode, Generic[P]):
     # ---- for derived classes -------------------------------------------------------------
 
     def configure(self) -> None:
-        """Make the core objects and the endpoints."""
+        """Make the endpoints."""
 
     def activate(self) -> None:
-        """Begin to work; all peers are there."""
+        """Make ready for a new run with the parameters as they are; all peers are there."""
 
     def deactivate(self) -> None:
         """Stop working; whatever is under way is brought to its end."""
@@ -216,6 +216,7 @@ class StandNode(LifecycleNode, Generic[P]):
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then run `activate`."""
+        self.fault = ""
 
         def start() -> None:
             self.wait_for_peers()
@@ -226,20 +227,20 @@ class StandNode(LifecycleNode, Generic[P]):
         return self._attempt("activate", start)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run `deactivate`, and see that what was sent is received."""
+        """Run `deactivate`; what was sent goes on its way as long as the endpoints live."""
 
         def stop() -> None:
             self.is_active = False
             self.binding.is_locked = False
             self.deactivate()
-            self._flush()
 
         return self._attempt("deactivate", stop)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Run `cleanup` and take the endpoints down."""
+        """See that what was sent is received, run `cleanup` and take the endpoints down."""
 
         def clean() -> None:
+            self._flush()
             self.cleanup()
             self._destroy_endpoints()
 

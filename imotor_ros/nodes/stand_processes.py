@@ -12,7 +12,6 @@ from imotor_ros.core.parameters import Parameters
 from imotor_ros.nodes.process import NodeProcess, find_executable, stop_processes
 from imotor_ros.nodes.stand_client import (
     ACTIVATE,
-    CLEAN_UP,
     CONFIGURE,
     DEACTIVATE,
     StandClient,
@@ -50,6 +49,7 @@ class StandProcesses:
             self.processes[role.name] = NodeProcess(
                 paths[role.executable], role.name, namespace, log, role.remappings
             )
+        self._are_configured = False
         self.client = StandClient(namespace, self.check)
 
     @property
@@ -84,7 +84,7 @@ class StandProcesses:
 
     def activate(self, parameters: Mapping[str, Parameters]) -> None:
         """
-        Give all nodes their parameters, configure and activate them.
+        Give all nodes their parameters and activate them; the first time, configure them too.
 
         Raises
         ------
@@ -93,13 +93,14 @@ class StandProcesses:
 
         """
         self.client.set_parameters(dict(parameters), START_TIMEOUT)
-        self.client.change_state(self.names, CONFIGURE, START_TIMEOUT)
+        if not self._are_configured:
+            self.client.change_state(self.names, CONFIGURE, START_TIMEOUT)
+            self._are_configured = True
         self.client.change_state(self.names, ACTIVATE, START_TIMEOUT)
 
     def deactivate(self) -> None:
-        """Deactivate and clean up all nodes, so that they can be configured anew."""
+        """Deactivate all nodes, so that they take parameters for another run."""
         self.client.change_state(self.names, DEACTIVATE, START_TIMEOUT)
-        self.client.change_state(self.names, CLEAN_UP, START_TIMEOUT)
 
     def stop(self) -> None:
         """Stop all nodes; those that do not listen are killed."""
