@@ -90,9 +90,7 @@ def stop_state(x, v, p):
     if x > p[UPPER]:
         return PUSHING if p[STOP] * (x - p[UPPER]) + p[DAMPING] * v > 0.0 else TRAILING
     if x < p[LOWER]:
-        return (
-            -PUSHING if p[STOP] * (x - p[LOWER]) + p[DAMPING] * v < 0.0 else -TRAILING
-        )
+        return -PUSHING if p[STOP] * (x - p[LOWER]) + p[DAMPING] * v < 0.0 else -TRAILING
     return AWAY
 
 
@@ -223,9 +221,7 @@ def _stop_event(stop, order, length, p, s, work):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(
-    mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, p, s, work
-):
+def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, p, s, work):
     """
     Go on in the present mode to the first event, at most by `length`.
 

@@ -21,6 +21,9 @@ Array = NDArray[np.float64]
 TOLERANCE = 0.01
 """Distance from the steady velocity, relative, that counts as steady: t_0.99 and t_1.01."""
 
+_UNRESOLVED = 2
+"""Number of points off the steady value that are too few for an exponential."""
+
 
 @dataclass(frozen=True)
 class ExponentialFit:
@@ -70,7 +73,8 @@ class StartUp:
     uncertainty : float
         Its standard uncertainty (s); NaN where it is not determined.
     is_bound : bool
-        True if the first period was steady already: `value` is one period, an upper bound.
+        True if the first periods were steady already: `value` is an upper bound, the end of the
+        first steady period.
     reason : str
         Why there is no value; empty if there is one.
     fit : ExponentialFit
@@ -157,8 +161,8 @@ def start_up_time(
     -------
     StartUp
         The time at which the regression enters 1 % of its asymptote. Where the mean of the
-        first period is within 1 % already, the method cannot resolve the time: the value is one
-        period and `is_bound` is set.
+        first period is within 1 % already, or the one after the start is, the points cannot show
+        an exponential: the value is the end of that period, and `is_bound` is set.
 
     Raises
     ------
@@ -171,8 +175,10 @@ def start_up_time(
     steady = float(np.mean(means[-max(means.size // 4, 1) :])) if means.size else math.nan
     if means.size < 4 or steady == 0.0:
         return StartUp(math.nan, math.nan, False, fit.reason or "the motor does not move", fit)
-    if abs(means[0] - steady) <= TOLERANCE * abs(steady):
-        return StartUp(period, math.nan, True, "", fit)
+    is_away = np.abs(means - steady) > TOLERANCE * abs(steady)
+    first_steady = int(np.flatnonzero(is_away)[-1]) + 1 if is_away.any() else 0
+    if first_steady == 0 or (first_steady <= _UNRESOLVED and not fit.is_valid):
+        return StartUp((first_steady + 1) * period, math.nan, True, "", fit)
     if not fit.is_valid:
         return StartUp(math.nan, math.nan, False, fit.reason, fit)
     ratio = abs(fit.amplitude) / (TOLERANCE * abs(fit.asymptote))

@@ -112,7 +112,7 @@ class Summary:
     force : float
         Mean load force (N) on spring, weight or end stops.
     is_steady : bool
-        True if the two halves of the last quarter agree.
+        True if the two halves of the last quarter agree, in velocity and load force.
     reasons : dict of str to str
         Why a value is missing, or what is to be said of it.
 
@@ -156,7 +156,7 @@ def summarise(table: PeriodTable, *, has_load: bool) -> Summary:
     speed = float(table.mean_relative_speed[last].mean())
     reasons: dict[str, str] = {}
     # What is left after whole strides of the rod cancel is rounding, not motion.
-    moves = abs(mean) > 1e-12 * max(speed, float(np.max(np.abs(table.max_velocity[last]))))
+    moves = abs(mean) > 1e-9 * max(speed, float(np.max(np.abs(table.max_velocity[last]))))
     ripple = durability = start_up = math.nan
     if moves:
         ripple = float(table.max_velocity[last].max() - table.min_velocity[last].min()) / abs(mean)
@@ -166,9 +166,12 @@ def summarise(table: PeriodTable, *, has_load: bool) -> Summary:
         durability = abs(mean) / speed
     else:
         reasons["durability"] = "the slider never slides"
-    half = means.size // 2
-    spread = abs(float(means[:half].mean() - means[-half:].mean())) if half else math.inf
-    is_steady = spread <= STEADY_TOLERANCE * max(abs(mean), 1e-9)
+    force = float(table.mean_load_force[last].mean()) if has_load else math.nan
+    if not has_load:
+        reasons["force"] = "there is no load"
+    is_steady = _is_steady(means, max(abs(mean), 1e-4 * speed)) and (
+        not has_load or _is_steady(table.mean_load_force[last], abs(force))
+    )
     if not is_steady:
         reasons["mean_velocity"] = "not steady yet: the last quarter of the periods still changes"
     if not moves:
@@ -179,8 +182,12 @@ def summarise(table: PeriodTable, *, has_load: bool) -> Summary:
         if start_up_result.reason:
             reasons["start_up_time"] = start_up_result.reason
         elif start_up_result.is_bound:
-            reasons["start_up_time"] = "an upper bound: the first period is steady already"
-    force = float(table.mean_load_force[last].mean()) if has_load else math.nan
-    if not has_load:
-        reasons["force"] = "there is no load"
+            reasons["start_up_time"] = "an upper bound: steady from that period on"
     return Summary(mean, ripple, start_up, durability, force, is_steady, reasons)
+
+
+def _is_steady(values: Array, scale: float) -> bool:
+    half = values.size // 2
+    if half == 0:
+        return False
+    return abs(float(values[:half].mean() - values[-half:].mean())) <= STEADY_TOLERANCE * scale

@@ -210,9 +210,7 @@ class SliderStepper:
         position, slider_velocity = np.empty(count), np.empty(count)
         load, friction = np.empty(count), np.empty(count)
         is_sticking = np.empty(count, dtype=np.bool_)
-        response = SliderResponse(
-            position, slider_velocity, load, friction, is_sticking
-        )
+        response = SliderResponse(position, slider_velocity, load, friction, is_sticking)
         if count == 0:
             return response
         has_started = self._state is not None
@@ -234,9 +232,7 @@ class SliderStepper:
         if failed >= 0:
             raise SolverError(f"events pile up before sample {failed} of the block")
         numbers = memory.tolist()
-        self._state = SliderState(
-            *numbers[:2], int(numbers[2]), int(numbers[3]), *numbers[4:]
-        )
+        self._state = SliderState(*numbers[:2], int(numbers[2]), int(numbers[3]), *numbers[4:])
         return response
 
 
@@ -249,9 +245,7 @@ def _samples(values: ArrayLike | None, like: Array | None, where: str) -> Array:
     array = np.ascontiguousarray(values, dtype=np.float64)
     if array.ndim != 1 or (like is not None and array.shape != like.shape):
         bound = "one dimension" if like is None else f"shape {like.shape}"
-        raise BadInputError(
-            "has the wrong shape", where=where, value=array.shape, bound=bound
-        )
+        raise BadInputError("has the wrong shape", where=where, value=array.shape, bound=bound)
     if not np.all(np.isfinite(array)):
         raise BadInputError("holds a number that is not finite", where=where)
     return array
@@ -270,9 +264,7 @@ def _process(
     lift0 = base_lift + normal0 * lift_per_newton if normal0 != 0.0 else base_lift
     lift0 = max(lift0, 0.0)
     mass, force, rate, limit = p[MASS], p[FORCE], p[SLOPE] / p[MASS], p[BREAK]
-    is_simple = (
-        p[EXCESS] == 0.0 and p[SPRING] == 0.0 and p[STOP] == 0.0 and rate * step < 0.02
-    )
+    is_simple = p[EXCESS] == 0.0 and p[SPRING] == 0.0 and p[STOP] == 0.0 and rate * step < 0.02
     r = np.zeros(s.shape[1])
     for i in range(rod_velocity.size):
         r1, a1 = rod_velocity[i], rod_acceleration[i]
@@ -289,18 +281,14 @@ def _process(
             stop = stop_state(x, r1 - w, p)
             mode = 1 if w > 0.0 else -1
             if w == 0.0:
-                mode = decide(
-                    mass * a1 + position_load(x, r1, stop, p) - push1, limit * lift1
-                )
+                mode = decide(mass * a1 + position_load(x, r1, stop, p) - push1, limit * lift1)
         else:
             difference = (r1 - r0) / step
             c2 = (3.0 * difference - 2.0 * a0 - a1) / step
             c3 = (a0 + a1 - 2.0 * difference) / (step * step)
             is_done = False
             if is_simple and lift0 == lift1:
-                rod_distance = (
-                    r0 + (a0 / 2 + (c2 / 3 + c3 / 4 * step) * step) * step
-                ) * step
+                rod_distance = (r0 + (a0 / 2 + (c2 / 3 + c3 / 4 * step) * step) * step) * step
                 # Outer force without friction, in acceleration.
                 outer0 = (p[CONSTANT] - push0) / mass
                 outer1 = (push0 - push1) / (mass * step)

@@ -93,14 +93,15 @@ def simulate(
         if not math.isfinite(value):
             raise BadInputError("is not finite", where=f"initial_{name}", value=value)
     load = load or LoadParameters.free()
+    numbers = constants(slider.mass, friction.numbers, load.numbers)
     outer = slider.axial_force - slider.weight_along_rod
     rows = np.empty((6, periods))
     capacity = 0
     while True:
         steps = np.empty((capacity, _HEAD + ORDER + 1))
         count, failed, x, v = _solve(
-            motion.period, *_rod_tables(motion), _longest_step(motion), constants(slider.mass, friction.numbers, load.numbers),
-            outer, slider.friction_scale, initial_position, initial_velocity, rows, steps,
+            motion.period, *_rod_tables(motion), _longest_step(motion), numbers, outer,
+            slider.friction_scale, initial_position, initial_velocity, rows, steps,
             series_workspace(ORDER, slider.mass), root_workspace(),
         )  # fmt: skip
         if failed >= 0:
@@ -144,7 +145,9 @@ def _longest_step(motion: HarmonicMotion) -> float:
     speeds = np.abs(motion.amplitudes) * k
     shares = speeds / max(float(np.sum(speeds)), 1e-300) * (k / k[-1]) ** float(ORDER)
     # sum of shares (k_n omega h)^order / order! = tolerance
-    log = math.log(TOLERANCE) + math.lgamma(ORDER + 1) - math.log(max(float(np.sum(shares)), 1e-300))
+    log = (
+        math.log(TOLERANCE) + math.lgamma(ORDER + 1) - math.log(max(float(np.sum(shares)), 1e-300))
+    )
     return math.exp(log / ORDER) / (2.0 * math.pi * motion.max_frequency)
 
 
@@ -225,7 +228,20 @@ def _solve(
             _rod_series(omega * time, spectrum, powers, r)
             before, x_before = mode, x
             gone, _event, mode, stop, known, w, x = advance(
-                mode, stop, known, w, x, r, order, min(period - time, longest), push, lift, 2.0 * TOLERANCE, p, s, work
+                mode,
+                stop,
+                known,
+                w,
+                x,
+                r,
+                order,
+                min(period - time, longest),
+                push,
+                lift,
+                2.0 * TOLERANCE,
+                p,
+                s,
+                work,
             )
             if gone > 0.0:
                 if steps.shape[0] > count:
