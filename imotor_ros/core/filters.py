@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from numba import njit
@@ -292,9 +293,16 @@ def _interpolation_kernel(s: Samples, half_width: int) -> Samples:
     return np.where(x < 1.0, inner, np.where(x < 2.0, outer, 0.0))
 
 
+@cache
+def _quadrature() -> tuple[Samples, Samples]:
+    """Return nodes and weights of a Gauss rule exact to rounding for the integrals below."""
+    nodes, weights = np.polynomial.legendre.leggauss(24)
+    return nodes, weights
+
+
 def _kernel_integral(exponent: complex, end: float, half_width: int) -> complex:
     """Return the integral of kernel(s) exp(-exponent s) over s <= `end`."""
-    nodes, weights = np.polynomial.legendre.leggauss(24)
+    nodes, weights = _quadrature()
     total = 0j
     for low in range(-half_width, half_width):
         high = min(low + 1.0, end)

@@ -48,7 +48,7 @@ def test_force_sensor_loses_a_constant_force_by_its_time_constant() -> None:
     shown = np.concatenate([sensor.process(np.full(50_000, 0.5))[0] for _ in range(10)])
     time = np.arange(500_000) / RATE - sensor.channel.delay
     # the first sample counts as a ramp from zero: half a microsecond of the time constant
-    assert shown[10_000:] == pytest.approx(0.5 * np.exp(-time[10_000:]), rel=1e-5)
+    np.testing.assert_allclose(shown[10_000:], 0.5 * np.exp(-time[10_000:]), rtol=1e-5)
     assert sensor.channel.high_pass_frequency == pytest.approx(1.0 / (2.0 * np.pi))
 
 
