@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import asdict
 from typing import Any
+
+import numpy as np
 
 from imotor_ros.campaign.point import PointParameters
 from imotor_ros.core.excitation import voltage_for_motion
 from imotor_ros.core.friction import CoulombFriction, FrictionLaw, VelocityDependentFriction
 from imotor_ros.core.model import predict
 from imotor_ros.core.motor import VirtualMotor
+from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.core.slider import LoadParameters
 
 MODELS: dict[str, FrictionLaw] = {
@@ -16,3 +21,75 @@ MODELS: dict[str, FrictionLaw] = {
     "model_2": VelocityDependentFriction(),
 }
 """Friction model 1, equation (9), and model 2, equation (8)."""
+
+
+def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
+    """
+    Return what each model predicts for a point.
+
+    The rod moves as wanted, without ramp. Velocity, ripple, start-up and durability are those
+    of the free slider; the force is that against the end stop in its way, if there is one. The
+    power follows from the wanted voltage and the current of the linear stator.
+
+    Parameters
+    ----------
+    parameters : PointParameters
+        The point.
+
+    Returns
+    -------
+    dict
+        By model: value or None by indicator (SI), and "reasons" why one is None.
+
+    """
+    motion = parameters.signal.motion
+    motor = parameters.stand.motor
+    power = apparent_power(parameters, motion)
+    result = {}
+    for name, friction in MODELS.items():
+        free = predict(motion, motor.slider, friction, _without_stops(motor.load))
+        values = {
+            "mean_velocity": free.mean_velocity,
+            "start_up_time": free.start_up_time,
+            "ripple": free.ripple,
+            "durability": free.durability,
+            "efficiency": free.mean_velocity / power,
+            "force": free.force,
+        }
+        reasons = dict(free.reasons)
+        stopped = _against_stop(motor.load)
+        if stopped is not None:
+            pushing = predict(motion, motor.slider, friction, stopped)
+            values["force"] = pushing.force
+            reasons.pop("force", None)
+            reasons.update({k: v for k, v in pushing.reasons.items() if k == "force"})
+        result[name] = {**values, "reasons": reasons}
+    return result
+
+
+def apparent_power(parameters: PointParameters, motion: HarmonicMotion) -> float:
+    """
+    Return the amplitude of the complex power (V A) that a motion asks for, DC left out.
+
+    U_rms * I_rms over all harmonics, with the current of the linear stator.
+    """
+    stand = parameters.stand
+    motor = VirtualMotor(stand.motor, stand.sample_rate, parameters.seed)
+    amplitudes, _ = voltage_for_motion(motion, motor.displacement_response)
+    orders = np.arange(1, motion.harmonics + 1)
+    admittances = np.abs(motor.current_response(orders * motion.fundamental_frequency))
+    voltages = np.asarray(amplitudes)
+    voltage = math.sqrt(0.5 * float(np.sum(voltages**2)))
+    current = math.sqrt(0.5 * float(np.sum((admittances * voltages) ** 2)))
+    return voltage * current
+
+
+def _without_stops(load: LoadParameters) -> LoadParameters:
+    return load.replace(stop_stiffness=0.0)
+
+
+def _against_stop(load: LoadParameters) -> LoadParameters | None:
+    """Return the load of a slider that is at the upper stop from the start."""
+    if load.stop_stiffness == 0.0:
+        return None
+    return load.replace(upper_stop=0.0, lower_stop=min(load.lower_stop, -1.0))

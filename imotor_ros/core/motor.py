@@ -135,6 +135,19 @@ class VirtualMotor:
         amplifier = self._amplifier.frequency_response(frequency)
         return np.asarray(amplifier * self._stator.frequency_response(frequency))
 
+    def current_response(self, frequency: ArrayLike) -> Complex:
+        """
+        Return the stator current per wanted volt (A/V) at frequencies (Hz), shape (...).
+
+        Charge of the clamped capacitance and of the moving rod, behind the sampled amplifier.
+        """
+        frequency = np.asarray(frequency, dtype=np.float64)
+        stator = self.parameters.stator
+        amplifier = self._amplifier.frequency_response(frequency)
+        displacement = self._stator.frequency_response(frequency)
+        charge = stator.clamped_capacitance + stator.force_factor * displacement
+        return np.asarray(2j * np.pi * frequency * charge * amplifier)
+
     def process(self, voltage: ArrayLike) -> MotorResponse:
         """
         Return what the motor does during the next samples of the drive voltage (V), shape (n,).
