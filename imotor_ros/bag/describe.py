@@ -85,8 +85,9 @@ class RunDescription:
         lines += [_stream_line(name, stream) for name, stream in self.streams.items()]
         others = {n: count for n, count in self.messages.items() if n not in self.streams}
         lines += [f"  {name}: {count} messages" for name, count in others.items()]
-        versions = self.provenance.get("versions", {})
-        lines.append("  made with " + ", ".join(f"{k} {v}" for k, v in versions.items() if v))
+        versions = [f"{k} {v}" for k, v in self.provenance.get("versions", {}).items() if v]
+        if versions:
+            lines.append("  made with " + ", ".join(versions))
         return "\n".join(lines)
 
 

@@ -20,7 +20,7 @@ from rosbags.interfaces import (
     QosTime,
 )
 
-from imotor_ros.contracts.topics import ALL_TOPICS, RUN_INFO, Intent, Topic
+from imotor_ros.contracts.topics import ALL_TOPICS, Intent, Topic
 from imotor_ros.errors import UnreadableFileError
 
 UNFINISHED = "unfinished.json"
@@ -58,10 +58,16 @@ def relative_name(namespace: str, name: str) -> str:
 
 
 def namespace_of(topics: Mapping[str, str]) -> str:
-    """Return the namespace of the stand, from the types of a bag's topics by absolute name."""
+    """
+    Return the namespace of the stand, from the types of a bag's topics by absolute name.
+
+    >>> namespace_of({"/lab/stand/channels": "imotor_msgs/msg/Channel"})
+    '/lab/stand'
+    """
     for name, type_name in topics.items():
-        if type_name == RUN_INFO.type_name and name.endswith("/" + RUN_INFO.name):
-            return name.removesuffix("/" + RUN_INFO.name) or "/"
+        for topic in ALL_TOPICS:
+            if type_name == topic.type_name and name.endswith("/" + topic.name):
+                return name.removesuffix("/" + topic.name) or "/"
     return "/"
 
 
