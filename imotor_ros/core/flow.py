@@ -57,7 +57,7 @@ def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> np.n
     return np.array([mass, *friction, *load], dtype=np.float64)
 
 
-__all__ = ["advance", "constants", "decide", "root_workspace", "series_workspace"]
+__all__ = ["advance", "clear_speed", "constants", "decide", "root_workspace", "series_workspace"]
 
 
 @njit(cache=True, error_model="numpy")
@@ -95,6 +95,14 @@ def stop_state(x, v, p):
 
 
 @njit(cache=True, error_model="numpy")
+def clear_speed(p):
+    """Return the relative speed (m/s) beyond which the excess at rest is below rounding."""
+    if p[EXCESS] == 0.0:
+        return 0.0
+    return p[DECAY] * (37.0 if p[EXPONENT] == 1.0 else 6.1)
+
+
+@njit(cache=True, error_model="numpy")
 def decide(need, limit):
     """Return 0 to stick, or the sign of sliding, where rod and slider have equal velocities."""
     if abs(need) <= limit:
@@ -115,11 +123,13 @@ def _load_coefficient(k, s, stop, p):
 
 
 @njit(cache=True, error_model="numpy")
-def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s):
+def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, clear, p, s):
     """Taylor coefficients of w, v, x, L while sliding; `push`, `lift` are linear in time."""
     sign = float(mode)
     s[_W, 0], s[_V, 0], s[_X, 0] = w0, r[0] - w0, x0
-    excess, gaussian = p[EXCESS], p[EXPONENT] == 2.0
+    gaussian = p[EXPONENT] == 2.0
+    # Far from rest the excess is left out: its series would not tell how it grows on the way.
+    excess = 0.0 if abs(w0) > clear else p[EXCESS]
     before = 0.0
     for k in range(order):
         force = p[SLOPE] * sign * s[_W, k]
@@ -258,13 +268,15 @@ def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, 
 
     """
     has_stops = p[STOP] > 0.0
+    # A little inside, so that a step that ends there counts as near.
+    clear = clear_speed(p) * (1.0 + 1e-9)
     if mode == 0:
         _sticking_series(stop, x0, r, order, push, p, s)
         limit = p[BREAK] * lift[0]
         if abs(s[_NEED, 0]) > limit:
             return 0.0, EXIT, (1 if s[_NEED, 0] > 0.0 else -1), stop, 1, 0.0, x0
     else:
-        _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, p, s)
+        _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, clear, p, s)
         if known == 0 and w0 * mode <= 0.0:
             need = p[MASS] * r[1] + s[_L, 0] - push[0]
             after = decide(need, p[BREAK] * lift[0])
@@ -291,6 +303,12 @@ def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, 
             if crossing <= time:
                 time, event, after = crossing, EXIT, sign
                 after_known = 2 if p[BREAK] == p[FORCE] + p[EXCESS] else 1
+    elif abs(w0) > clear > 0.0:
+        test = s[_TEST]
+        for k in range(order + 1):
+            test[k] = s[_W, k]
+        test[0] -= mode * clear_speed(p)
+        time = min(time, first_crossing(test, 0, order, mode, time, work))
     else:
         crossing = first_crossing(s[_W], known, order, mode, time, work)
         if crossing <= time:

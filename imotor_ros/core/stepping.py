@@ -17,15 +17,19 @@ from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from imotor_ros.core.flow import (
+    AWAY,
     BREAK,
-    CONSTANT,
-    EXCESS,
+    DAMPING,
     FORCE,
+    LOWER,
     MASS,
     SLOPE,
     SPRING,
     STOP,
+    TRAILING,
+    UPPER,
     advance,
+    clear_speed,
     constants,
     decide,
     position_load,
@@ -261,10 +265,13 @@ def _process(
     mode, stop = int(memory[2]), int(memory[3])
     r0, a0, axial0, normal0 = memory[4], memory[5], memory[6], memory[7]
     push0 = base_push + axial0
-    lift0 = base_lift + normal0 * lift_per_newton if normal0 != 0.0 else base_lift
-    lift0 = max(lift0, 0.0)
-    mass, force, rate, limit = p[MASS], p[FORCE], p[SLOPE] / p[MASS], p[BREAK]
-    is_simple = p[EXCESS] == 0.0 and p[SPRING] == 0.0 and p[STOP] == 0.0 and rate * step < 0.02
+    lift0 = base_lift
+    if normal0 != 0.0:
+        lift0 = max(base_lift + normal0 * lift_per_newton, 0.0)
+    # Six terms of the series are enough for all that is slow against a sample.
+    is_slow = max(base_lift, 1.0) * p[SLOPE] + p[DAMPING] < 0.02 * p[MASS] / step
+    is_slow = is_slow and p[SPRING] + p[STOP] < 1e-4 * p[MASS] / (step * step)
+    clear = clear_speed(p)
     r = np.zeros(s.shape[1])
     for i in range(rod_velocity.size):
         r1, a1 = rod_velocity[i], rod_acceleration[i]
@@ -281,50 +288,22 @@ def _process(
             stop = stop_state(x, r1 - w, p)
             mode = 1 if w > 0.0 else -1
             if w == 0.0:
-                mode = decide(mass * a1 + position_load(x, r1, stop, p) - push1, limit * lift1)
+                need = p[MASS] * a1 + position_load(x, r1, stop, p) - push1
+                mode = decide(need, p[BREAK] * lift1)
         else:
             difference = (r1 - r0) / step
             c2 = (3.0 * difference - 2.0 * a0 - a1) / step
             c3 = (a0 + a1 - 2.0 * difference) / (step * step)
             is_done = False
-            if is_simple and lift0 == lift1:
-                rod_distance = (r0 + (a0 / 2 + (c2 / 3 + c3 / 4 * step) * step) * step) * step
-                # Outer force without friction, in acceleration.
-                outer0 = (p[CONSTANT] - push0) / mass
-                outer1 = (push0 - push1) / (mass * step)
+            if is_slow and abs(stop) < TRAILING:
                 if mode == 0:
-                    n0, n1, n2 = a0 + outer0, 2.0 * c2 + outer1, 3.0 * c3
-                    middle = n0 + 0.5 * n1 * step
-                    end = n0 + (n1 + n2 * step) * step
-                    most = limit * lift0 / mass
-                    if abs(n0) < most and abs(middle) < most and abs(end) < most:
-                        x += rod_distance
-                        is_done = True
+                    is_done, x = _stick_on(
+                        stop, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p
+                    )
                 else:
-                    sign = float(mode)
-                    w1 = a0 + outer0 - sign * lift0 * force / mass - rate * w
-                    w2 = (2.0 * c2 + outer1 - rate * w1) / 2
-                    w3 = (3.0 * c3 - rate * w2) / 3
-                    w4 = -rate * w3 / 4
-                    w5 = -rate * w4 / 5
-                    w6 = -rate * w5 / 6
-                    h1, h2, h3 = w1 * step, w2 * step * step, w3 * step * step * step
-                    rest = (w4 + (w5 + w6 * step) * step) * step * step * step * step
-                    b1, b2 = w + h1 / 3, w + 2.0 * h1 / 3 + h2 / 3
-                    end = w + h1 + h2 + h3
-                    margin = 1e-12 * abs(w) + 3.0 * abs(rest)
-                    if (
-                        sign * w > margin
-                        and sign * b1 > margin
-                        and sign * b2 > margin
-                        and sign * end > margin
-                    ):
-                        slid = (w + h1 / 2 + h2 / 3 + h3 / 4) * step + (
-                            w4 / 5 + (w5 / 6 + w6 / 7 * step) * step
-                        ) * step * step * step * step * step
-                        x += rod_distance - slid
-                        w = end + rest
-                        is_done = True
+                    is_done, w, x = _slide_on(
+                        mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, clear, p
+                    )
             if not is_done:
                 mode, stop, w, x, is_done = _through_events(
                     mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p, s, r,
@@ -336,12 +315,92 @@ def _process(
         position[i], velocity[i], is_sticking[i] = x, r1 - w, mode == 0
         load[i] = position_load(x, r1 - w, stop, p)
         if mode == 0:
-            friction[i] = mass * a1 + load[i] - push1
+            friction[i] = p[MASS] * a1 + load[i] - push1
         else:
             friction[i] = mode * lift1 * sliding_force(w, p)
     memory[0], memory[1], memory[2], memory[3] = x, w, float(mode), float(stop)
     memory[4], memory[5], memory[6], memory[7] = r0, a0, axial0, normal0
     return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _keeps_stop(stop, x, v, most_v, most_a, step, p):
+    """Return whether nothing changes at the end stops within a sample, for sure."""
+    if p[STOP] == 0.0:
+        return True
+    if stop == AWAY:
+        reach = most_v * step
+        return x + reach < p[UPPER] and x - reach > p[LOWER]
+    pushing = p[STOP] * (x - (p[UPPER] if stop > 0 else p[LOWER])) + p[DAMPING] * v
+    return pushing * stop > (p[STOP] * most_v + p[DAMPING] * most_a) * step
+
+
+@njit(cache=True, error_model="numpy")
+def _stick_on(stop, x, r0, r1, r2, r3, h, push0, push1, lift0, lift1, p):
+    """Stick through one sample if nothing happens in it; return whether, and the position."""
+    stiffness, damping = p[SPRING], 0.0
+    if stop != AWAY:
+        stiffness, damping = stiffness + p[STOP], p[DAMPING]
+    # Force needed, as a quadratic in time, and a bound on the rest of it.
+    n0 = p[MASS] * r1 + position_load(x, r0, stop, p) - push0
+    n1 = (2.0 * p[MASS] * r2 + stiffness * r0 + damping * r1) * h - (push1 - push0)
+    n2 = (3.0 * p[MASS] * r3 + 0.5 * stiffness * r1 + damping * r2) * h * h
+    rest = (abs(stiffness * r2) + abs(damping * r3) + abs(stiffness * r3) * h) * h * h * h
+    # It stays between its Bernstein coefficients, and so does the limit.
+    limit0, limit2 = p[BREAK] * lift0 - rest, p[BREAK] * lift1 - rest
+    if (
+        abs(n0) < limit0
+        and abs(n0 + 0.5 * n1) < 0.5 * (limit0 + limit2)
+        and abs(n0 + n1 + n2) < limit2
+    ):
+        most_a = abs(r1) + (2.0 * abs(r2) + 3.0 * abs(r3) * h) * h
+        if _keeps_stop(stop, x, r0, abs(r0) + most_a * h, most_a, h, p):
+            return True, x + (r0 + (r1 / 2 + (r2 / 3 + r3 / 4 * h) * h) * h) * h
+    return False, x
+
+
+@njit(cache=True, error_model="numpy")
+def _slide_on(
+    mode, stop, w, x, r0, r1, r2, r3, h, push0, push1, lift0, lift1, clear, p
+):  # fmt: skip
+    """Slide through one sample if nothing happens in it; return whether, w and the position."""
+    stiffness, damping = p[SPRING], 0.0
+    if stop != AWAY:
+        stiffness, damping = stiffness + p[STOP], p[DAMPING]
+    inverse, slope, sign = 1.0 / p[MASS], lift0 * p[SLOPE], float(mode)
+    force, lift_rate = sign * p[FORCE] + p[SLOPE] * w, (lift1 - lift0) / h
+    lifted = lift_rate * p[SLOPE]
+    v0 = r0 - w
+    v1 = (lift0 * force + push0 - position_load(x, v0, stop, p)) * inverse
+    w1 = r1 - v1
+    v2 = slope * w1 + lift_rate * force + (push1 - push0) / h - stiffness * v0 - damping * v1
+    v2 *= inverse / 2
+    w2 = r2 - v2
+    v3 = (slope * w2 + lifted * w1 - stiffness * v1 / 2 - damping * v2) * (inverse / 3)
+    w3 = r3 - v3
+    v4 = (slope * w3 + lifted * w2 - stiffness * v2 / 3 - damping * v3) * (inverse / 4)
+    v5 = (-slope * v4 + lifted * w3 - stiffness * v3 / 4 - damping * v4) * (inverse / 5)
+    v6 = (-slope * v5 - lifted * v4 - stiffness * v4 / 5 - damping * v5) * (inverse / 6)
+    # w stays beyond the lowest Bernstein coefficient of its cubic, less the rest.
+    h1, h2, h3 = w1 * h, w2 * h * h, w3 * h * h * h
+    rest = -(v4 + (v5 + v6 * h) * h) * h * h * h * h
+    end = w + h1 + h2 + h3
+    margin = clear + 1e-12 * abs(w) + 3.0 * abs(rest)
+    if (
+        sign * w > margin
+        and sign * (w + h1 / 3) > margin
+        and sign * (w + (2.0 * h1 + h2) / 3) > margin
+        and sign * end > margin
+    ):
+        most_a = abs(v1) + (2.0 * abs(v2) + 4.0 * abs(v3) * h) * h
+        if _keeps_stop(stop, x, v0, abs(v0) + most_a * h, most_a, h, p):
+            x += (
+                v0
+                + (v1 / 2 + (v2 / 3 + (v3 / 4 + (v4 / 5 + (v5 / 6 + v6 / 7 * h) * h) * h) * h) * h)
+                * h
+            ) * h
+            return True, end + rest, x
+    return False, w, x
 
 
 @njit(cache=True, error_model="numpy")
