@@ -44,15 +44,11 @@ _WEIGHTS = np.array([(-1.0) ** k * math.comb(POINTS - 1, k) for k in range(POINT
 
 
 @njit(
-    types.void(
-        types.float64[::1], types.float64, types.float64, types.int64, types.float64[::1]
-    ),
+    types.void(types.float64[::1], types.float64, types.float64, types.int64, types.float64[::1]),
     cache=True,
     error_model="numpy",
 )
-def read_grid(
-    samples: Samples, start: float, step: float, first: int, values: Samples
-) -> None:
+def read_grid(samples: Samples, start: float, step: float, first: int, values: Samples) -> None:
     """
     Read samples at equally spaced fractional positions (kernel; nothing is checked).
 

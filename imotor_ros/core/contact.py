@@ -121,9 +121,7 @@ class Contact:
     warning: str = ""
 
 
-def find_contact(
-    velocity: Array | None, force: Array | None, criteria: ContactCriteria
-) -> Contact:
+def find_contact(velocity: Array | None, force: Array | None, criteria: ContactCriteria) -> Contact:
     """
     Find the first period in which the slider is hindered.
 

@@ -31,6 +31,10 @@ class EvaluatorParameters(Parameters):
         2e-2, "largest change between the halves of the steady load, relative", low=0.0, high=1.0,
         source="assumed",
     )  # fmt: skip
+    scatter_bound: float = parameter(
+        5e-2, "largest standard error of a mean, relative, that noise from period to period does "
+        "not explain", low=0.0, high=1.0, source="assumed",
+    )  # fmt: skip
     contact_noise_factor: float = parameter(
         6.0, "load force that counts as contact, over its noise before the drive", low=1.0,
         high=1e3, source="assumed: once in a thousand million by chance",

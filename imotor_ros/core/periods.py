@@ -281,9 +281,7 @@ def add_alternating(waveforms: Rows, selection: NDArray[np.int64], halves: Rows)
 
 
 @njit(
-    types.void(
-        types.float64[:, ::1], types.int64[::1], types.float64[::1], types.float64[::1]
-    ),
+    types.void(types.float64[:, ::1], types.int64[::1], types.float64[::1], types.float64[::1]),
     cache=True,
     error_model="numpy",
 )
@@ -300,9 +298,7 @@ def project_rows(
 
 
 @njit(
-    types.void(
-        types.float64[:, ::1], types.int64[::1], types.float64[::1], types.float64[::1]
-    ),
+    types.void(types.float64[:, ::1], types.int64[::1], types.float64[::1], types.float64[::1]),
     cache=True,
     error_model="numpy",
 )

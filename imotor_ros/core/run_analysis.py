@@ -53,6 +53,7 @@ from imotor_ros.core.steady_state import (
     SIGNIFICANT,
     SteadyState,
     find_steady_state,
+    noise_of,
     standard_error,
     start_up_time,
 )
@@ -66,6 +67,9 @@ _MOST_VELOCITY_DECAY = 0.01
 
 # How well a time constant of a charge amplifier is known (relative).
 _DECAY_UNCERTAINTY = 0.2
+
+# Force before the drive, over the uncertainty of the offset, from which on it is a load.
+_PRELOAD = 5.0
 
 # Share of the ripple that the bandwidth may hide before the reader is warned.
 _MUCH_HIDDEN = 0.05
@@ -218,15 +222,37 @@ class RunAnalysis:
         return find_baseline(stream.start(self._until), self._grid.period)
 
     @cached_property
+    def _is_preloaded(self) -> bool:
+        """Return whether the force before the drive is more than the channel's offset can be."""
+        base, doubt = self._baseline, self._channel(LOAD_FORCE).offset_uncertainty
+        limit = _PRELOAD * math.hypot(doubt, base.uncertainty)
+        return doubt > 0.0 and abs(base.offset) > limit
+
+    @cached_property
     def _load_means(self) -> Array:
         """
-        Mean load force of each period, offset taken off, and decay made up for.
+        Mean load force of each period, what was there before the drive taken off.
 
-        A high-pass of time constant tau turns F into y with F = y + integral of y dt / tau.
+        Decay is made up for: a high-pass of time constant tau turns F into y, with
+        F = y + integral of y dt / tau.
         """
-        force = self._means(LOAD_FORCE) - self._baseline.offset
-        rate = 2.0 * math.pi * self._channel(LOAD_FORCE).high_pass_frequency
-        share = rate * self._grid.period / self._program.sample_rate
+        return self._without_decay(self._means(LOAD_FORCE) - self._baseline.offset)
+
+    @cached_property
+    def _preload(self) -> Array:
+        """What has to be added to `_load_means` for the load force itself; no offset, but force."""
+        if not self._is_preloaded:
+            return np.zeros(self._rows)
+        offset = self._baseline.offset
+        before = self._decay_rate * self._grid.origin / self._program.sample_rate * offset
+        return before + self._without_decay(np.full(self._rows, offset))
+
+    @property
+    def _decay_rate(self) -> float:
+        return 2.0 * math.pi * self._channel(LOAD_FORCE).high_pass_frequency
+
+    def _without_decay(self, force: Array) -> Array:
+        share = self._decay_rate * self._grid.period / self._program.sample_rate
         return np.asarray(force + share * (np.cumsum(force) - 0.5 * force))
 
     def _usable_force(self) -> str:
@@ -252,7 +278,8 @@ class RunAnalysis:
         threshold = math.nan
         if not reason:
             channel, parameters = self._channel(LOAD_FORCE), self._parameters
-            floor = channel.range if 0.0 < channel.range < math.inf else 0.0
+            largest = float(np.max(np.abs(self._load_means), initial=0.0))
+            floor = channel.range if 0.0 < channel.range < math.inf else largest
             threshold = max(
                 parameters.contact_noise_factor * self._baseline.noise,
                 parameters.contact_share * floor,
@@ -303,6 +330,7 @@ class RunAnalysis:
             minimum=self._parameters.minimum_periods,
             level=self._parameters.settling_level,
             bound=self._parameters.velocity_drift_bound,
+            scatter=self._parameters.scatter_bound,
             what="the velocity",
         )
         reason = state.reason
@@ -336,6 +364,7 @@ class RunAnalysis:
             minimum=self._parameters.minimum_periods,
             level=self._parameters.settling_level,
             bound=self._parameters.force_drift_bound,
+            scatter=self._parameters.scatter_bound,
             what="the load force",
         )
         return SteadyState(
@@ -419,7 +448,8 @@ class RunAnalysis:
         settling = self._free_state.settling
         assert settling is not None
         first = float(self._times(self._first, self._first + 1)[0])
-        time, uncertainty, reason = start_up_time(settling, first)
+        offset = self._channel(SLIDER_VELOCITY).offset_uncertainty
+        time, uncertainty, reason = start_up_time(settling, first, offset)
         if reason:
             raise _NotAvailable(reason)
         return time, uncertainty
@@ -509,6 +539,8 @@ class RunAnalysis:
             power *= effective.value
             scatter = scatter - mean / effective.value * effective.per_period
             gains.append(self._channel(name).gain_uncertainty * mean)
+            hidden = effective.hidden_share(self._bandwidth_ratio(name))
+            gains.append(hidden / math.sqrt(3.0) * mean)
         parts = (
             standard_error(scatter),
             self._free_run().drift,
@@ -517,12 +549,25 @@ class RunAnalysis:
         )
         return abs(mean) / power, math.hypot(*parts) / power
 
+    def _bandwidth_ratio(self, name: str) -> float:
+        """Return the fundamental frequency over the bandwidth of a channel; 0 if unknown."""
+        bandwidth = self._channel(name).bandwidth
+        return self._program.fundamental_frequency / bandwidth if bandwidth > 0.0 else 0.0
+
     def _force(self) -> tuple[float, float]:
         state = self._load()
         channel = self._channel(LOAD_FORCE)
-        values = self._load_means[state.first : state.end]
-        uncorrected = self._means(LOAD_FORCE)[state.first : state.end] - self._baseline.offset
+        rows = slice(state.first, state.end)
+        values = self._load_means[rows] + self._preload[rows]
         mean = float(np.mean(values))
+        shown = float(np.mean(self._means(LOAD_FORCE)[rows]))
+        if self._is_preloaded:
+            self.warnings.append(
+                f"{LOAD_FORCE} shows {self._baseline.offset:.3g} N before the drive starts, too "
+                "much for an offset: taken as load"
+            )
+        else:
+            shown -= self._baseline.offset
         parts = (
             standard_error(values),
             state.drift,
@@ -530,9 +575,9 @@ class RunAnalysis:
             self._baseline_drift(),
             channel.offset_uncertainty,
             channel.gain_uncertainty * mean,
-            _DECAY_UNCERTAINTY * (mean - float(np.mean(uncorrected))),
+            _DECAY_UNCERTAINTY * (mean - shown),
         )
-        return mean * self._direction(), math.hypot(*parts)
+        return mean * self._direction(state.first), math.hypot(*parts)
 
     def _baseline_drift(self) -> float:
         """Return how far the force has drifted away before contact, if that is significant."""
@@ -545,16 +590,18 @@ class RunAnalysis:
             return 0.0
         return abs(drift)
 
-    def _direction(self) -> float:
-        """Return +1 or -1: the direction in which the slider ran before contact."""
-        if self._missing(SLIDER_VELOCITY):
-            self.warnings.append(
-                "the direction of motion is unknown: a force against forward motion counts as "
-                "positive"
-            )
-            return 1.0
-        velocity = self._means(SLIDER_VELOCITY)[: max(self._contact_row(), 1)]
-        return math.copysign(1.0, float(np.sum(velocity)))
+    def _direction(self, end: int) -> float:
+        """Return +1 or -1: the direction in which the slider has moved until period `end`."""
+        if not self._missing(SLIDER_VELOCITY):
+            velocity = self._means(SLIDER_VELOCITY)[:end]
+            noise = noise_of(velocity) * math.sqrt(velocity.size)
+            moved = float(np.sum(velocity))
+            if abs(moved) > 2.0 * SIGNIFICANT * noise:
+                return math.copysign(1.0, moved)
+        self.warnings.append(
+            "the direction of motion is unknown: a force against forward motion counts as positive"
+        )
+        return 1.0
 
     # ------------------------------------------------------------------ warnings
 

@@ -27,6 +27,9 @@ _SIGNIFICANT_GAIN = 16.0
 # From the median of absolute values to the standard deviation of a normal distribution.
 _MEDIAN_TO_DEVIATION = 1.4826
 
+# Fewest values whose neighbours' differences tell noise from wandering.
+_ENOUGH_TO_TELL_NOISE = 10
+
 SIGNIFICANT = 3.0
 """Multiples of its standard uncertainty from which on a difference counts as one."""
 
@@ -195,7 +198,14 @@ class SteadyState:
 
 
 def find_steady_state(
-    times: Array, values: Array, *, minimum: int, level: float, bound: float, what: str
+    times: Array,
+    values: Array,
+    *,
+    minimum: int,
+    level: float,
+    bound: float,
+    scatter: float,
+    what: str,
 ) -> SteadyState:
     """
     Find the steady part of a sequence of period means.
@@ -213,6 +223,9 @@ def find_steady_state(
     bound : float
         Largest change within the steady part (relative) that is tolerated where it is
         significant.
+    scatter : float
+        Largest standard error of the mean (relative) that is tolerated where noise from value to
+        value does not explain it.
     what : str
         Name of the quantity, for the reason, e.g. "the velocity".
 
@@ -224,7 +237,7 @@ def find_steady_state(
     """
     n = values.size
     if n < minimum:
-        return SteadyState(0, n, math.nan, _too_few(n, minimum), None)
+        return SteadyState(0, n, math.nan, f"{what} is unknown: {_too_few(n, minimum)}", None)
     settling = fit_settling(times, values)
     fit = settling.fit
     is_fitted = settling.is_significant and fit.is_valid
@@ -241,14 +254,15 @@ def find_steady_state(
             settling,
         )  # fmt: skip
     drift, reason = _check_trend(values[first:], bound, what)
-    if is_fitted and not reason:
-        left = _mean_remainder(settling, times[first], times[-1])
+    if settling.is_significant and not reason:
+        left, reason = _check_settling(settling, times[first:], values[first:], bound, what)
         drift = math.hypot(drift, left)
+    reason = reason or _check_scatter(values[first:], scatter, what)
     return SteadyState(first, n, drift, reason, settling)
 
 
 def _too_few(count: int, minimum: int) -> str:
-    return f"only {count} whole periods are left, at least {minimum} are needed"
+    return f"only {count} whole drive periods are left, at least {minimum} are needed"
 
 
 def _settled_from(settling: Settling, times: Array, level: float) -> int:
@@ -259,6 +273,42 @@ def _settled_from(settling: Settling, times: Array, level: float) -> int:
     ratio = abs(fit.amplitude) / enough
     time = fit.time_constant * math.log(ratio) if ratio > 1.0 else 0.0
     return int(np.searchsorted(times, time))
+
+
+def _check_settling(
+    settling: Settling, times: Array, values: Array, bound: float, what: str
+) -> tuple[float, str]:
+    """Return the uncertainty due to the rest of an exponential, and a reason if it is too much."""
+    if settling.fit.is_valid:
+        return _mean_remainder(settling, times[0], times[-1]), ""
+    # The asymptote is not known, but how the curve changes within the record is.
+    change = settling.remainder(times[0]) - settling.remainder(times[-1])
+    mean = abs(float(np.mean(values)))
+    if change > bound * mean:
+        return math.nan, (
+            f"{what} has not settled: it still changes by {_share(change, mean)} over "
+            f"{values.size} periods (bound {bound:.2%})"
+        )
+    return change, ""
+
+
+def _share(change: float, mean: float) -> str:
+    return f"{change / mean:+.2%}" if mean > 0.0 else f"{change:+.3g}"
+
+
+def _check_scatter(values: Array, bound: float, what: str) -> str:
+    """Return a reason if the values wander too much for their mean to mean anything."""
+    mean, error = abs(float(np.mean(values))), standard_error(values)
+    if error <= bound * mean or mean <= SIGNIFICANT * error:
+        return ""
+    noise = noise_of(values) / math.sqrt(values.size) * student_factor(values.size - 1)
+    # few values cannot tell noise from wandering
+    if values.size >= _ENOUGH_TO_TELL_NOISE and error <= 2.0 * noise:
+        return ""
+    return (
+        f"{what} is not steady: over {values.size} periods the standard error of its mean is "
+        f"{error / mean:.2%} (bound {bound:.2%})"
+    )
 
 
 def _mean_remainder(settling: Settling, start: float, end: float) -> float:
@@ -289,15 +339,16 @@ def _check_trend(values: Array, bound: float, what: str) -> tuple[float, str]:
     if abs(change) <= SIGNIFICANT * error:
         return 0.0, ""
     if abs(change) > bound * mean:
-        share = f"{change / mean:+.2%}" if mean > 0.0 else f"{change:+.3g}"
         return math.nan, (
             f"{what} has not settled: from the first to the second half of {values.size} "
-            f"periods its mean changes by {share} (bound {bound:.2%})"
+            f"periods its mean changes by {_share(change, mean)} (bound {bound:.2%})"
         )
     return abs(change), ""
 
 
-def start_up_time(settling: Settling, first_time: float) -> tuple[float, float, str]:
+def start_up_time(
+    settling: Settling, first_time: float, offset_uncertainty: float
+) -> tuple[float, float, str]:
     """
     Return the start-up time, its standard uncertainty, and a reason if there is none.
 
@@ -307,6 +358,8 @@ def start_up_time(settling: Settling, first_time: float) -> tuple[float, float, 
         The regression of the period-mean velocity, times from the start of the drive.
     first_time : float
         Middle of the first period that entered it (s).
+    offset_uncertainty : float
+        Standard uncertainty of the velocity's offset (m/s), which shifts the asymptote.
 
     Notes
     -----
@@ -314,26 +367,30 @@ def start_up_time(settling: Settling, first_time: float) -> tuple[float, float, 
     of its asymptote.
 
     """
+    reason = _start_up_reason(settling)
+    if reason:
+        return math.nan, math.nan, reason
     fit = settling.fit
-    if not settling.is_significant:
-        return math.nan, math.nan, (
-            f"no start-up stands out of the noise of the period means ({settling.noise:.2g} m/s)"
-        )
-    if not fit.is_valid:
-        return math.nan, math.nan, fit.reason
-    ratio = abs(fit.amplitude) / (TOLERANCE * abs(fit.asymptote))
-    time = fit.time_constant * math.log(ratio) if ratio > 0.0 else 0.0
+    a, tau, b = fit.asymptote, fit.time_constant, fit.amplitude
+    ratio = max(abs(b) / (TOLERANCE * abs(a)), 1e-300)
+    time = tau * math.log(ratio)
+    gradient = np.array([-tau / a, math.log(ratio), tau / b])
+    variance = max(float(gradient @ fit.covariance @ gradient), 0.0)
+    uncertainty = math.hypot(math.sqrt(variance), offset_uncertainty * tau / a)
     if time < first_time:
-        return math.nan, math.nan, (
+        reason = (
             f"the first whole period at full drive is steady already: it takes less than "
             f"{first_time * 1e3:.3g} ms"
         )
-    a, tau, b = fit.asymptote, fit.time_constant, fit.amplitude
-    gradient = np.array([-tau / a, math.log(ratio), tau / b])
-    uncertainty = math.sqrt(max(float(gradient @ fit.covariance @ gradient), 0.0))
-    if uncertainty > time:
-        return math.nan, math.nan, (
+    elif uncertainty > time:
+        reason = (
             f"the start-up time is lost in the noise: {time * 1e3:.3g} ms with a standard "
             f"uncertainty of {uncertainty * 1e3:.3g} ms"
         )
-    return time, uncertainty, ""
+    return (math.nan, math.nan, reason) if reason else (time, uncertainty, "")
+
+
+def _start_up_reason(settling: Settling) -> str:
+    if not settling.is_significant:
+        return f"no start-up stands out of the noise of the period means ({settling.noise:.2g} m/s)"
+    return settling.fit.reason

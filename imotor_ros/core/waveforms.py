@@ -42,9 +42,7 @@ _CORNER_LOSS = 0.133
 _SPOILED = 8.0
 
 
-def count_harmonics(
-    frequency: float, sample_rate: float, bandwidth: float, points: int
-) -> int:
+def count_harmonics(frequency: float, sample_rate: float, bandwidth: float, points: int) -> int:
     """
     Return how many harmonics of the drive a channel can show.
 
@@ -278,11 +276,28 @@ class Effective:
         Root mean square over all harmonics; 0 if nothing stands out of the noise.
     per_period : ndarray, shape (n,)
         What each period contributes, to first order; the mean is about `value`.
+    powers : ndarray, shape (harmonics,)
+        Mean square of each harmonic; noise can make one negative.
 
     """
 
     value: float
     per_period: Array
+    powers: Array
+
+    def hidden_share(self, ratio: float) -> float:
+        """
+        Return how much of the true value the channel's bandwidth may hide (relative).
+
+        `ratio` is the fundamental frequency over the bandwidth, at which the channel is taken
+        to be down by 3 dB as a first-order low-pass; steeper ones hide less below it.
+        """
+        order = np.arange(1, self.powers.size + 1)
+        # far beyond the bandwidth there is only noise to be raised
+        within = order * ratio <= 1.0
+        measured = float(np.sum(self.powers[within]))
+        true = float(np.sum((self.powers * (1.0 + (order * ratio) ** 2))[within]))
+        return 1.0 - math.sqrt(measured / true) if true > measured > 0.0 else 0.0
 
 
 def effective_value(waveforms: Rows, selection: Selection, harmonics: int) -> Effective:
@@ -294,16 +309,17 @@ def effective_value(waveforms: Rows, selection: Selection, harmonics: int) -> Ef
     points = waveforms.shape[1]
     halves = average(waveforms, selection)
     spectra = np.fft.rfft(halves, axis=1)[:, 1 : harmonics + 1] / points
-    power = 2.0 * float(np.sum((spectra[0] * np.conj(spectra[1])).real))
+    powers = 2.0 * (spectra[0] * np.conj(spectra[1])).real
+    power = float(np.sum(powers))
     if power <= 0.0:
-        return Effective(0.0, np.zeros(selection.size))
+        return Effective(0.0, np.zeros(selection.size), powers)
     value = math.sqrt(power)
     mean = mean_of_halves(halves, selection.size)
     kept = np.fft.rfft(mean)
     kept[0] = 0.0
     kept[harmonics + 1 :] = 0.0
     weights = np.fft.irfft(kept, points) / (points * value)
-    return Effective(value, project(waveforms, selection, weights))
+    return Effective(value, project(waveforms, selection, weights), powers)
 
 
 def rectified_error(values: Array, deviations: Array) -> float:
