@@ -14,7 +14,6 @@ NODES = [
     "evaluator",
     "recorder",
     "player",
-    "run_campaign",
 ]
 
 
@@ -44,10 +43,13 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         *list_params(),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "numba", "rosbags", "matplotlib", "pyyaml"],
+    install_requires=["setuptools", "numpy", "scipy", "numba", "rosbags", "matplotlib", "pyyaml", "rich"],
     python_requires=">=3.11",
     zip_safe=True,
     entry_points={
-        "console_scripts": [f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES],
+        "console_scripts": [
+            *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
+            f"run_campaign = {PACKAGE}.cli.run:main",
+        ],
     },
 )
