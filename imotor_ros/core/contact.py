@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from imotor_ros.core.steady_state import SIGNIFICANT, noise_of, standard_error
+from imotor_ros.core.period_statistics import SIGNIFICANT, noise_of, standard_error
 
 Array = NDArray[np.float64]
 

@@ -27,6 +27,7 @@ from imotor_ros.core.indicators import UNITS, Indicator, Performance, Window
 from imotor_ros.core.measured_stream import MeasuredStream
 from imotor_ros.core.periods import PeriodGrid
 from imotor_ros.core.run_analysis import RunAnalysis
+from imotor_ros.core.run_view import RunView
 from imotor_ros.errors import BadInputError
 
 __all__ = ["EvaluatorParameters", "PeriodWaveforms", "RunEvaluator"]
@@ -234,10 +235,11 @@ class RunEvaluator:
         if run.grid is None:
             indicators = tuple(Indicator(name, u, reason=run.reason) for name, u in UNITS.items())
         else:
-            analysis = RunAnalysis(self.parameters, run.program, run.grid, run.streams, end)
+            view = RunView(self.parameters, run.program, run.grid, run.streams, end)
+            analysis = RunAnalysis(view)
             indicators = analysis.indicators()
             windows = analysis.windows()
-            warnings = analysis.warnings
+            warnings = view.warnings
         streams = sorted(run.streams.items())
         return Performance(
             run_id=run.program.run_id,
@@ -270,10 +272,9 @@ class RunEvaluator:
         run = self._run
         if run.grid is None:
             return PeriodWaveforms(np.empty(0), {}, 0, run.reason)
-        analysis = RunAnalysis(
-            self.parameters, run.program, run.grid, run.streams, self._end(until)
-        )
-        velocities, periods, reason = analysis.mean_velocities()
+        end = self._end(until)
+        view = RunView(self.parameters, run.program, run.grid, run.streams, end)
+        velocities, periods, reason = RunAnalysis(view).mean_velocities()
         return PeriodWaveforms(run.grid.phases, velocities, periods, reason)
 
 

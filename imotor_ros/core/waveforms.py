@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from imotor_ros.core.period_statistics import noise_of
 from imotor_ros.core.periods import add_alternating, project_rows, square_deviations
-from imotor_ros.core.steady_state import noise_of
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.float64]
