@@ -67,7 +67,7 @@ class BagMessage:
 
 class RunBag:
     """
-    The bag of one run, to be read in a `with` block or between `open` and `close`.
+    The bag of one run, open for reading until `close`, or to the end of a `with` block.
 
     Needs no message package: a bag holds the definitions of its messages.
 
@@ -84,29 +84,21 @@ class RunBag:
     facts : RunFacts
         What the bag says of its run beside the messages.
 
+    Raises
+    ------
+    UnreadableFileError
+        If there is no such bag, it was not closed, it is that of something else than a run, or
+        it was written by a newer version.
+
     """
 
     def __init__(self, path: Path | str, *, allow_damaged: bool = False) -> None:
         self.path = Path(path)
-        self._allow_damaged = allow_damaged
-        self._names: dict[int, str] = {}
-        self.facts = RunFacts("")
-
-    def open(self) -> None:
-        """
-        Open the bag.
-
-        Raises
-        ------
-        UnreadableFileError
-            If there is no such bag, it was not closed, it is that of something else than a run,
-            or it was written by a newer version.
-
-        """
         self.file = layout.find_mcap(self.path)
+        self._names: dict[int, str] = {}
         self._mcap = McapFile(self.file)
         try:
-            if self._mcap.damage and not self._allow_damaged:
+            if self._mcap.damage and not allow_damaged:
                 what = f"is damaged: {self._mcap.damage}"
                 raise UnreadableFileError(what, where=str(self.file), bound=_ADVICE)
             self.facts = self._read_facts()
@@ -119,8 +111,7 @@ class RunBag:
         self._mcap.close()
 
     def __enter__(self) -> Self:
-        """Open the bag."""
-        self.open()
+        """Return the bag."""
         return self
 
     def __exit__(
@@ -253,11 +244,6 @@ class RunBag:
         """
         for message in self._mcap.messages(self._numbers(topics) if topics else None):
             yield self._named(message)
-
-    def raw_messages(self, topics: Collection[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield topic and content of messages, as they were sent, in the order of the bag."""
-        for message in self.messages(*topics):
-            yield message.topic, message.data
 
     def decode(self, message: BagMessage) -> Any:
         """
