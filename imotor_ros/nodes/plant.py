@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 from rclpy.context import Context
 from rclpy.publisher import Publisher
 
@@ -20,7 +21,7 @@ from imotor_ros.contracts.topics import (
     VOLTAGE_MONITOR,
 )
 from imotor_ros.core.drive import DriveProgram
-from imotor_ros.core.motor import MotorParameters
+from imotor_ros.core.motor import MotorParameters, VirtualMotor
 from imotor_ros.core.parameters import group, parameter
 from imotor_ros.nodes.run_follower import RunFollowerNode
 from imotor_ros.nodes.stand_node import NodeParameters, run_node
@@ -51,6 +52,8 @@ class PlantNode(RunFollowerNode[PlantParameters]):
         self._progress = self.add_publisher(DRIVE_PROGRESS)
         self._channels = self.add_publisher(CHANNELS)
         self.follow_stream(DRIVE_VOLTAGE)
+        # compiled code is loaded, or compiled after a change, now and not when samples wait
+        VirtualMotor(self.parameters.motor, 1e6, 0).process(np.zeros(2))
 
     def begin_run(self, program: DriveProgram) -> None:
         """Put the motor at rest, and say what its monitors are."""

@@ -16,6 +16,7 @@ from rclpy.context import Context
 from rclpy.publisher import Publisher
 from rclpy.serialization import deserialize_message
 
+from imotor_ros.bag.types import installed_types
 from imotor_ros.campaign.roles.recorder import RecorderRole
 from imotor_ros.contracts import topics
 from imotor_ros.contracts.messages import program_from_message, recording_to_message
@@ -77,6 +78,7 @@ class RecorderNode(StandNode[RecorderParameters]):
 
     def configure(self) -> None:
         """Make the endpoints."""
+        installed_types()  # parsed now, not when the first blocks wait
         self._state = self.add_publisher(topics.RECORDING)
         for topic in topics.ALL_TOPICS:
             self.add_subscription(topic, self._receiver(topic), raw=True)

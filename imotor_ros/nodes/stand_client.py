@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import rclpy
@@ -12,8 +12,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imotor_msgs.action import PlayProgram
 from imotor_msgs.msg import Performance as PerformanceMessage
 from imotor_msgs.msg import RecordingState, RunInfo
-from lifecycle_msgs.msg import Transition
-from lifecycle_msgs.srv import ChangeState
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.action import ActionClient
 from rclpy.client import Client
@@ -44,6 +44,16 @@ _TRANSITION_NAMES = {
     DEACTIVATE: "deactivate",
     CLEAN_UP: "clean up",
 }
+
+_TARGETS = {
+    CONFIGURE: State.PRIMARY_STATE_INACTIVE,
+    ACTIVATE: State.PRIMARY_STATE_ACTIVE,
+    DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
+    CLEAN_UP: State.PRIMARY_STATE_UNCONFIGURED,
+}
+
+_RETRY_INTERVAL = 3.0
+"""Time (s) after which a request without answer is sent again."""
 
 
 class StandClient:
@@ -183,20 +193,21 @@ class StandClient:
             If a node refuses.
 
         """
-        futures = {}
+        requests = {}
         for node, parameters in values.items():
             request = SetParametersAtomically.Request()
             request.parameters = [
                 Parameter(name, value=value).to_parameter_msg()
                 for name, value in parameter_values(parameters).items()
             ]
-            client = self._client(SetParametersAtomically, node, "set_parameters_atomically")
-            futures[node] = client.call_async(request)
-        self._await_all(futures, "to take parameters", timeout)
-        for node, future in futures.items():
-            answer = future.result().result
-            if not answer.successful:
-                raise RunError(f"{node} refuses its parameters: {answer.reason}")
+            requests[node] = request
+        answers = self._call(
+            SetParametersAtomically, "set_parameters_atomically", requests,
+            "to take parameters", timeout,
+        )  # fmt: skip
+        for node, answer in answers.items():
+            if not answer.result.successful:
+                raise RunError(f"{node} refuses its parameters: {answer.result.reason}")
 
     def change_state(self, nodes: Iterable[str], transition: int, timeout: float) -> None:
         """
@@ -209,29 +220,49 @@ class StandClient:
 
         """
         request = ChangeState.Request(transition=Transition(id=transition))
-        futures = {
-            node: self._client(ChangeState, node, "change_state").call_async(request)
-            for node in nodes
-        }
         what = _TRANSITION_NAMES[transition]
-        self._await_all(futures, f"to {what}", timeout)
-        for node, future in futures.items():
-            if not future.result().success:
-                # the reason comes as diagnostics, perhaps a moment later
-                self._settle(lambda node=node: bool(self.fault_of(node)))
-                reason = self.fault_of(node) or "no reason given"
-                raise RunError(f"{node} did not {what}: {reason}")
+        answers = self._call(
+            ChangeState, "change_state", dict.fromkeys(nodes, request), f"to {what}", timeout
+        )
+        refused = [node for node, answer in answers.items() if not answer.success]
+        # a node asked twice, because its answer was lost, refuses the second time
+        for node in self._not_in_state(refused, _TARGETS[transition], timeout):
+            self._settle(lambda node=node: bool(self.fault_of(node)))
+            raise RunError(f"{node} did not {what}: {self.fault_of(node) or 'no reason given'}")
+
+    def _not_in_state(self, nodes: list[str], state: int, timeout: float) -> list[str]:
+        requests = dict.fromkeys(nodes, GetState.Request())
+        answers = self._call(GetState, "get_state", requests, "to tell its state", timeout)
+        return [node for node, answer in answers.items() if answer.current_state.id != state]
+
+    def _call(
+        self, kind: Any, service: str, requests: Mapping[str, Any], what: str, timeout: float
+    ) -> dict[str, Any]:
+        """
+        Call a service of several nodes at once, and return their answers.
+
+        On a busy machine an answer is lost if the client has found the server, but not yet the
+        server the client: a request that stays without answer is sent again.
+        """
+        futures: dict[str, list[Future]] = {node: [] for node in requests}
+        deadline = time.monotonic() + timeout
+        while late := [n for n, sent in futures.items() if not any(f.done() for f in sent)]:
+            for node in late:
+                client = self._client(kind, node, service)
+                futures[node].append(client.call_async(requests[node]))
+            pause = time.monotonic() + _RETRY_INTERVAL
+            while time.monotonic() < pause and any(
+                not any(f.done() for f in futures[node]) for node in late
+            ):
+                if time.monotonic() > deadline:
+                    raise DeadlineError(f"{', '.join(late)} {what}", timeout)
+                self.spin(0.02)
+        return {n: next(f for f in sent if f.done()).result() for n, sent in futures.items()}
 
     def _settle(self, condition: Callable[[], bool], timeout: float = 2.0) -> None:
         deadline = time.monotonic() + timeout
         while not condition() and time.monotonic() < deadline:
             self.spin(0.02)
-
-    def _await_all(self, futures: dict[str, Future], what: str, timeout: float) -> None:
-        def late() -> list[str]:
-            return [node for node, future in futures.items() if not future.done()]
-
-        self.spin_until(lambda: not late(), lambda: f"{', '.join(late())} {what}", timeout)
 
     # ---- the run -------------------------------------------------------------------------
 
