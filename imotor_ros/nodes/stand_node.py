@@ -104,8 +104,23 @@ class StandNode(LifecycleNode, Generic[P]):
         self._diagnostics = self.create_publisher(
             DiagnosticArray, DIAGNOSTICS.name, qos_profile(DIAGNOSTICS)
         )
+        self._refuse_transitions_politely()
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_timer = self.create_timer(1.0, self._publish_diagnostics, clock=steady)
+
+    def _refuse_transitions_politely(self) -> None:
+        """Answer "no" to a transition that the state does not have: rclpy 7 ends the node."""
+        change_state = self._service_change_state.callback
+
+        def answer(request: Any, response: Any) -> Any:
+            try:
+                return change_state(request, response)
+            except RCLError as error:
+                self.get_logger().warning(f"transition refused: {error}")
+                response.success = False
+                return response
+
+        self._service_change_state.callback = answer
 
     @property
     def parameters(self) -> P:
