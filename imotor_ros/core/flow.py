@@ -17,6 +17,7 @@ import math
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from imotor_ros.core.friction import FrictionNumbers
 from imotor_ros.core.polynomial import (
@@ -27,6 +28,8 @@ from imotor_ros.core.polynomial import (
     slope,
 )
 from imotor_ros.core.slider import LoadNumbers
+
+Array = NDArray[np.float64]
 
 # Entries of the constants array.
 MASS, FORCE, SLOPE, EXCESS, DECAY, EXPONENT, BREAK = 0, 1, 2, 3, 4, 5, 6
@@ -44,7 +47,7 @@ _W, _V, _X, _L, _E, _G, _NEED, _TEST, _RATE, _STEP = range(10)
 SLIDER_VELOCITY, SLIDER_POSITION, LOAD = _V, _X, _L
 
 
-def series_workspace(order: int, mass: float) -> np.ndarray:
+def series_workspace(order: int, mass: float) -> Array:
     """Return the memory of `advance` for series up to t^order and a slider of `mass` (kg)."""
     work = np.zeros((10, order + 2))
     work[_STEP] = 1.0 / np.arange(1, order + 3)
@@ -52,7 +55,7 @@ def series_workspace(order: int, mass: float) -> np.ndarray:
     return work
 
 
-def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> np.ndarray:
+def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> Array:
     """Return mass (kg), friction law and load as the array that `advance` takes."""
     return np.array([mass, *friction, *load], dtype=np.float64)
 
@@ -60,30 +63,30 @@ def constants(mass: float, friction: FrictionNumbers, load: LoadNumbers) -> np.n
 __all__ = ["advance", "clear_speed", "constants", "decide", "root_workspace", "series_workspace"]
 
 
-@njit(cache=True, error_model="numpy")
-def position_load(x, v, stop, p):
+@njit(cache=True, error_model="numpy", inline="always")
+def position_load(x: float, v: float, stop: int, p: Array) -> float:
     """Return the load force (N) at position x (m), velocity v (m/s) and stop state."""
     load = p[SPRING] * (x - p[SPRING_AT]) + p[CONSTANT]
     if stop == PUSHING:
         load += p[STOP] * (x - p[UPPER]) + p[DAMPING] * v
     elif stop == -PUSHING:
         load += p[STOP] * (x - p[LOWER]) + p[DAMPING] * v
-    return load
+    return float(load)
 
 
-@njit(cache=True, error_model="numpy")
-def sliding_force(w, p):
+@njit(cache=True, error_model="numpy", inline="always")
+def sliding_force(w: float, p: Array) -> float:
     """Return the magnitude (N) of the sliding force at relative velocity w (m/s)."""
     speed = abs(w)
     force = p[FORCE] + p[SLOPE] * speed
     if p[EXCESS] != 0.0:
         ratio = speed / p[DECAY]
         force += p[EXCESS] * math.exp(-(ratio if p[EXPONENT] == 1.0 else ratio * ratio))
-    return force
+    return float(force)
 
 
 @njit(cache=True, error_model="numpy")
-def stop_state(x, v, p):
+def stop_state(x: float, v: float, p: Array) -> int:
     """Return the stop state of a slider at x (m) with velocity v (m/s)."""
     if p[STOP] == 0.0:
         return AWAY
@@ -95,15 +98,15 @@ def stop_state(x, v, p):
 
 
 @njit(cache=True, error_model="numpy")
-def clear_speed(p):
+def clear_speed(p: Array) -> float:
     """Return the relative speed (m/s) beyond which the excess at rest is below rounding."""
     if p[EXCESS] == 0.0:
         return 0.0
-    return p[DECAY] * (37.0 if p[EXPONENT] == 1.0 else 6.1)
+    return float(p[DECAY] * (37.0 if p[EXPONENT] == 1.0 else 6.1))
 
 
 @njit(cache=True, error_model="numpy")
-def decide(need, limit):
+def decide(need: float, limit: float) -> int:
     """Return 0 to stick, or the sign of sliding, where rod and slider have equal velocities."""
     if abs(need) <= limit:
         return 0
@@ -111,7 +114,7 @@ def decide(need, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def _load_coefficient(k, s, stop, p):
+def _load_coefficient(k: int, s: Array, stop: int, p: Array) -> float:
     load = p[SPRING] * s[_X, k]
     if k == 0:
         load += p[CONSTANT] - p[SPRING] * p[SPRING_AT]
@@ -119,11 +122,24 @@ def _load_coefficient(k, s, stop, p):
         load += p[STOP] * s[_X, k] + p[DAMPING] * s[_V, k]
         if k == 0:
             load -= p[STOP] * (p[UPPER] if stop > 0 else p[LOWER])
-    return load
+    return float(load)
 
 
 @njit(cache=True, error_model="numpy")
-def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, clear, p, s):
+def _sliding_series(
+    mode: int,
+    stop: int,
+    known: int,
+    w0: float,
+    x0: float,
+    r: Array,
+    order: int,
+    push: tuple[float, float],
+    lift: tuple[float, float],
+    clear: float,
+    p: Array,
+    s: Array,
+) -> None:
     """Taylor coefficients of w, v, x, L while sliding; `push`, `lift` are linear in time."""
     sign = float(mode)
     s[_W, 0], s[_V, 0], s[_X, 0] = w0, r[0] - w0, x0
@@ -164,7 +180,9 @@ def _sliding_series(mode, stop, known, w0, x0, r, order, push, lift, clear, p, s
 
 
 @njit(cache=True, error_model="numpy")
-def _sticking_series(stop, x0, r, order, push, p, s):
+def _sticking_series(
+    stop: int, x0: float, r: Array, order: int, push: tuple[float, float], p: Array, s: Array
+) -> None:
     """Taylor coefficients of v, x, L and of the force N that sticking needs (to order - 1)."""
     s[_X, 0] = x0
     for k in range(order + 1):
@@ -178,17 +196,25 @@ def _sticking_series(stop, x0, r, order, push, p, s):
 
 
 @njit(cache=True, error_model="numpy")
-def _valid_length(s, row, order, length, scale):
-    """Return how far the last two coefficients stay below `scale`, at most `length`."""
-    for k in (order, order - 1):
-        last = abs(s[row, k])
-        if last * length**k > scale:
-            length = min(length, (scale / last) ** (1.0 / k))
+def _valid_length(last: float, previous: float, order: int, length: float, scale: float) -> float:
+    """
+    Return how far the last two coefficients of a series stay below `scale`, at most `length`.
+
+    `last` and `previous` are their magnitudes.
+    """
+    power = length ** (order - 1)
+    if last * power * length > scale:
+        length = (scale / last) ** (1.0 / order)
+        power = length ** (order - 1)
+    if previous * power > scale:
+        length = (scale / previous) ** (1.0 / (order - 1))
     return length
 
 
 @njit(cache=True, error_model="numpy")
-def _stop_event(stop, order, length, p, s, work):
+def _stop_event(
+    stop: int, order: int, length: float, p: Array, s: Array, work: Array
+) -> tuple[float, int]:
     """Return time of the first change at the end stops in [0, length], and the state after it."""
     best, after = math.inf, stop
     test = s[_TEST]
@@ -231,7 +257,22 @@ def _stop_event(stop, order, length, p, s, work):
 
 
 @njit(cache=True, error_model="numpy")
-def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, p, s, work):
+def advance(
+    mode: int,
+    stop: int,
+    known: int,
+    w0: float,
+    x0: float,
+    r: Array,
+    order: int,
+    length: float,
+    push: tuple[float, float],
+    lift: tuple[float, float],
+    tolerance: float,
+    p: Array,
+    s: Array,
+    work: Array,
+) -> tuple[float, int, int, int, int, float, float]:
     """
     Go on in the present mode to the first event, at most by `length`.
 
@@ -284,12 +325,9 @@ def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, 
     scale = tolerance * (
         abs(s[_V, 0]) + abs(w0) + (abs(s[_V, 1]) + abs(s[_W, 1])) * length + 1e-300
     )
-    length = _valid_length(s, _V, order, length, scale)
-    if mode == 0:
-        if p[SPRING] > 0.0 or has_stops:
-            length = _valid_length(s, _X, order, length, scale * length)
-    else:
-        length = _valid_length(s, _W, order, length, scale)
+    last = max(abs(s[_V, order]), abs(s[_W, order]))
+    previous = max(abs(s[_V, order - 1]), abs(s[_W, order - 1]))
+    length = _valid_length(last, previous, order, length, scale)
 
     time, event, after, after_stop, after_known = length, NOTHING, mode, stop, 0
     if mode == 0:
@@ -338,6 +376,12 @@ def advance(mode, stop, known, w0, x0, r, order, length, push, lift, tolerance, 
 
 
 @njit(cache=True, error_model="numpy")
-def relative_distance(s, order, time):
+def load_impulse(s: Array, order: int, time: float) -> float:
+    """Return the integral of the load force over the first `time` of that step."""
+    return float(integral(s[_L], s[_STEP], order, time))
+
+
+@njit(cache=True, error_model="numpy")
+def relative_distance(s: Array, order: int, time: float) -> float:
     """Return the integral of w over the first `time` of the step whose series is in `s`."""
-    return integral(s[_W], order, time)
+    return float(integral(s[_W], s[_STEP], order, time))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from imotor_ros.core.friction import FrictionLaw
 from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.core.slider import LoadParameters, SliderParameters
-from imotor_ros.core.solution import PeriodTable
+from imotor_ros.core.solution import PeriodTable, check_start
 from imotor_ros.core.stepping import SliderStepper
 from imotor_ros.errors import BadInputError
 
@@ -59,8 +59,7 @@ def simulate(
         If a number is out of bounds or the samples are too few for the highest harmonic.
 
     """
-    if not isinstance(periods, int) or periods < 1:
-        raise BadInputError("is out of bounds", where="periods", value=periods, bound=">= 1")
+    check_start(periods, 0.0)
     stepper = SliderStepper(slider, load or LoadParameters.free(), friction, sample_rate)
     if sample_rate < _FEWEST_SAMPLES * motion.max_frequency:
         raise BadInputError(

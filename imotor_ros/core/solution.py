@@ -92,6 +92,28 @@ class PeriodTable:
         return int(self.mean_velocity.size)
 
 
+def check_start(periods: int, initial_velocity: float, initial_position: float = 0.0) -> None:
+    """Refuse a number of periods or a start that no solver can use."""
+    if not isinstance(periods, int) or periods < 1:
+        raise BadInputError("is out of bounds", where="periods", value=periods, bound=">= 1")
+    for name, value in (("velocity", initial_velocity), ("position", initial_position)):
+        if not math.isfinite(value):
+            raise BadInputError("is not finite", where=f"initial_{name}", value=value)
+
+
+def check_times(time: ArrayLike, end: float) -> Array:
+    """Return the times as an array; refuse those before 0 or after `end` (s)."""
+    times = np.asarray(time, dtype=np.float64)
+    if times.size and not (times.min() >= 0.0 and times.max() <= end * (1.0 + 1e-12)):
+        raise BadInputError(
+            "lies outside the solution",
+            where="time",
+            value=(float(times.min()), float(times.max())),
+            bound=f"0 to {end:g} s",
+        )
+    return times
+
+
 @dataclass(frozen=True)
 class Summary:
     """

@@ -47,6 +47,8 @@ Array = NDArray[np.float64]
 _ORDER = 10
 _TOLERANCE = 1e-13
 _MOST_EVENTS = 10_000
+# Divisions by constants are not turned into products by the compiler.
+_THIRD, _FIFTH, _SIXTH, _SEVENTH = 1.0 / 3.0, 0.2, 1.0 / 6.0, 1.0 / 7.0
 
 
 @dataclass(frozen=True)
@@ -235,8 +237,8 @@ class SliderStepper:
         )  # fmt: skip
         if failed >= 0:
             raise SolverError(f"events pile up before sample {failed} of the block")
-        numbers = memory.tolist()
-        self._state = SliderState(*numbers[:2], int(numbers[2]), int(numbers[3]), *numbers[4:])
+        x, w, mode, stop, *rest = memory.tolist()
+        self._state = SliderState(x, w, int(mode), int(stop), *rest)
         return response
 
 
@@ -247,6 +249,9 @@ def _samples(values: ArrayLike | None, like: Array | None, where: str) -> Array:
     if values is None:
         return _NO_SAMPLES
     array = np.ascontiguousarray(values, dtype=np.float64)
+    if not array.flags.writeable:
+        # A view of a message: another type to the compiler, which would compile all over again.
+        array = array.copy()
     if array.ndim != 1 or (like is not None and array.shape != like.shape):
         bound = "one dimension" if like is None else f"shape {like.shape}"
         raise BadInputError("has the wrong shape", where=where, value=array.shape, bound=bound)
@@ -257,9 +262,25 @@ def _samples(values: ArrayLike | None, like: Array | None, where: str) -> Array:
 
 @njit(cache=True, error_model="numpy")
 def _process(
-    rod_velocity, rod_acceleration, axial, normal, has_started, memory, step, base_push,
-    base_lift, lift_per_newton, p, s, work, position, velocity, load, friction, is_sticking,
-):  # fmt: skip
+    rod_velocity: Array,
+    rod_acceleration: Array,
+    axial: Array,
+    normal: Array,
+    has_started: bool,
+    memory: Array,
+    step: float,
+    base_push: float,
+    base_lift: float,
+    lift_per_newton: float,
+    p: Array,
+    s: Array,
+    work: Array,
+    position: Array,
+    velocity: Array,
+    load: Array,
+    friction: Array,
+    is_sticking: NDArray[np.bool_],
+) -> int:
     """Fill the response arrays; return the sample before which the solver failed, or -1."""
     x, w = memory[0], memory[1]
     mode, stop = int(memory[2]), int(memory[3])
@@ -271,7 +292,7 @@ def _process(
     # Six terms of the series are enough for all that is slow against a sample.
     is_slow = max(base_lift, 1.0) * p[SLOPE] + p[DAMPING] < 0.02 * p[MASS] / step
     is_slow = is_slow and p[SPRING] + p[STOP] < 1e-4 * p[MASS] / (step * step)
-    clear = clear_speed(p)
+    clear, rate = clear_speed(p), 1.0 / step
     r = np.zeros(s.shape[1])
     for i in range(rod_velocity.size):
         r1, a1 = rod_velocity[i], rod_acceleration[i]
@@ -291,9 +312,9 @@ def _process(
                 need = p[MASS] * a1 + position_load(x, r1, stop, p) - push1
                 mode = decide(need, p[BREAK] * lift1)
         else:
-            difference = (r1 - r0) / step
-            c2 = (3.0 * difference - 2.0 * a0 - a1) / step
-            c3 = (a0 + a1 - 2.0 * difference) / (step * step)
+            difference = (r1 - r0) * rate
+            c2 = (3.0 * difference - 2.0 * a0 - a1) * rate
+            c3 = (a0 + a1 - 2.0 * difference) * (rate * rate)
             is_done = False
             if is_slow and abs(stop) < TRAILING:
                 if mode == 0:
@@ -302,8 +323,9 @@ def _process(
                     )
                 else:
                     is_done, w, x = _slide_on(
-                        mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, clear, p
-                    )
+                        mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, clear,
+                        rate, p,
+                    )  # fmt: skip
             if not is_done:
                 mode, stop, w, x, is_done = _through_events(
                     mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p, s, r,
@@ -323,20 +345,35 @@ def _process(
     return -1
 
 
-@njit(cache=True, error_model="numpy")
-def _keeps_stop(stop, x, v, most_v, most_a, step, p):
+@njit(cache=True, error_model="numpy", inline="always")
+def _keeps_stop(
+    stop: int, x: float, v: float, most_v: float, most_a: float, step: float, p: Array
+) -> bool:
     """Return whether nothing changes at the end stops within a sample, for sure."""
     if p[STOP] == 0.0:
         return True
     if stop == AWAY:
         reach = most_v * step
-        return x + reach < p[UPPER] and x - reach > p[LOWER]
+        return bool(x + reach < p[UPPER] and x - reach > p[LOWER])
     pushing = p[STOP] * (x - (p[UPPER] if stop > 0 else p[LOWER])) + p[DAMPING] * v
-    return pushing * stop > (p[STOP] * most_v + p[DAMPING] * most_a) * step
+    return bool(pushing * stop > (p[STOP] * most_v + p[DAMPING] * most_a) * step)
 
 
-@njit(cache=True, error_model="numpy")
-def _stick_on(stop, x, r0, r1, r2, r3, h, push0, push1, lift0, lift1, p):
+@njit(cache=True, error_model="numpy", inline="always")
+def _stick_on(
+    stop: int,
+    x: float,
+    r0: float,
+    r1: float,
+    r2: float,
+    r3: float,
+    h: float,
+    push0: float,
+    push1: float,
+    lift0: float,
+    lift1: float,
+    p: Array,
+) -> tuple[bool, float]:
     """Stick through one sample if nothing happens in it; return whether, and the position."""
     stiffness, damping = p[SPRING], 0.0
     if stop != AWAY:
@@ -355,32 +392,47 @@ def _stick_on(stop, x, r0, r1, r2, r3, h, push0, push1, lift0, lift1, p):
     ):
         most_a = abs(r1) + (2.0 * abs(r2) + 3.0 * abs(r3) * h) * h
         if _keeps_stop(stop, x, r0, abs(r0) + most_a * h, most_a, h, p):
-            return True, x + (r0 + (r1 / 2 + (r2 / 3 + r3 / 4 * h) * h) * h) * h
+            return True, x + (r0 + (r1 / 2 + (r2 * _THIRD + r3 / 4 * h) * h) * h) * h
     return False, x
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", inline="always")
 def _slide_on(
-    mode, stop, w, x, r0, r1, r2, r3, h, push0, push1, lift0, lift1, clear, p
-):  # fmt: skip
+    mode: int,
+    stop: int,
+    w: float,
+    x: float,
+    r0: float,
+    r1: float,
+    r2: float,
+    r3: float,
+    h: float,
+    push0: float,
+    push1: float,
+    lift0: float,
+    lift1: float,
+    clear: float,
+    rate: float,
+    p: Array,
+) -> tuple[bool, float, float]:
     """Slide through one sample if nothing happens in it; return whether, w and the position."""
     stiffness, damping = p[SPRING], 0.0
     if stop != AWAY:
         stiffness, damping = stiffness + p[STOP], p[DAMPING]
     inverse, slope, sign = 1.0 / p[MASS], lift0 * p[SLOPE], float(mode)
-    force, lift_rate = sign * p[FORCE] + p[SLOPE] * w, (lift1 - lift0) / h
+    force, lift_rate = sign * p[FORCE] + p[SLOPE] * w, (lift1 - lift0) * rate
     lifted = lift_rate * p[SLOPE]
     v0 = r0 - w
     v1 = (lift0 * force + push0 - position_load(x, v0, stop, p)) * inverse
     w1 = r1 - v1
-    v2 = slope * w1 + lift_rate * force + (push1 - push0) / h - stiffness * v0 - damping * v1
+    v2 = slope * w1 + lift_rate * force + (push1 - push0) * rate - stiffness * v0 - damping * v1
     v2 *= inverse / 2
     w2 = r2 - v2
-    v3 = (slope * w2 + lifted * w1 - stiffness * v1 / 2 - damping * v2) * (inverse / 3)
+    v3 = (slope * w2 + lifted * w1 - stiffness * v1 / 2 - damping * v2) * (inverse * _THIRD)
     w3 = r3 - v3
-    v4 = (slope * w3 + lifted * w2 - stiffness * v2 / 3 - damping * v3) * (inverse / 4)
-    v5 = (-slope * v4 + lifted * w3 - stiffness * v3 / 4 - damping * v4) * (inverse / 5)
-    v6 = (-slope * v5 - lifted * v4 - stiffness * v4 / 5 - damping * v5) * (inverse / 6)
+    v4 = (slope * w3 + lifted * w2 - stiffness * v2 * _THIRD - damping * v3) * (inverse / 4)
+    v5 = (-slope * v4 + lifted * w3 - stiffness * v3 / 4 - damping * v4) * (inverse * _FIFTH)
+    v6 = (-slope * v5 - lifted * v4 - stiffness * v4 * _FIFTH - damping * v5) * (inverse * _SIXTH)
     # w stays beyond the lowest Bernstein coefficient of its cubic, less the rest.
     h1, h2, h3 = w1 * h, w2 * h * h, w3 * h * h * h
     rest = -(v4 + (v5 + v6 * h) * h) * h * h * h * h
@@ -388,15 +440,22 @@ def _slide_on(
     margin = clear + 1e-12 * abs(w) + 3.0 * abs(rest)
     if (
         sign * w > margin
-        and sign * (w + h1 / 3) > margin
-        and sign * (w + (2.0 * h1 + h2) / 3) > margin
+        and sign * (w + h1 * _THIRD) > margin
+        and sign * (w + (2.0 * h1 + h2) * _THIRD) > margin
         and sign * end > margin
     ):
         most_a = abs(v1) + (2.0 * abs(v2) + 4.0 * abs(v3) * h) * h
         if _keeps_stop(stop, x, v0, abs(v0) + most_a * h, most_a, h, p):
             x += (
                 v0
-                + (v1 / 2 + (v2 / 3 + (v3 / 4 + (v4 / 5 + (v5 / 6 + v6 / 7 * h) * h) * h) * h) * h)
+                + (
+                    v1 / 2
+                    + (
+                        v2 * _THIRD
+                        + (v3 / 4 + (v4 * _FIFTH + (v5 * _SIXTH + v6 * _SEVENTH * h) * h) * h) * h
+                    )
+                    * h
+                )
                 * h
             ) * h
             return True, end + rest, x
@@ -405,8 +464,24 @@ def _slide_on(
 
 @njit(cache=True, error_model="numpy")
 def _through_events(
-    mode, stop, w, x, r0, a0, c2, c3, step, push0, push1, lift0, lift1, p, s, r, work
-):
+    mode: int,
+    stop: int,
+    w: float,
+    x: float,
+    r0: float,
+    a0: float,
+    c2: float,
+    c3: float,
+    step: float,
+    push0: float,
+    push1: float,
+    lift0: float,
+    lift1: float,
+    p: Array,
+    s: Array,
+    r: Array,
+    work: Array,
+) -> tuple[int, int, float, float, bool]:
     """Go through one sample with as many events as it has."""
     order = s.shape[1] - 2
     push_rate, lift_rate = (push1 - push0) / step, (lift1 - lift0) / step

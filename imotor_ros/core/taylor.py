@@ -17,23 +17,23 @@ from numpy.typing import ArrayLike, NDArray
 
 from imotor_ros.core.flow import (
     BREAK,
-    LOAD,
     MASS,
     SLIDER_VELOCITY,
     advance,
     constants,
     decide,
+    load_impulse,
     position_load,
     relative_distance,
     series_workspace,
     stop_state,
 )
 from imotor_ros.core.friction import FrictionLaw
-from imotor_ros.core.polynomial import evaluate, first_root, integral, root_workspace
+from imotor_ros.core.polynomial import evaluate, first_root, root_workspace
 from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.core.slider import LoadParameters, SliderParameters
-from imotor_ros.core.solution import PeriodTable, SliderMotion
-from imotor_ros.errors import BadInputError, SolverError
+from imotor_ros.core.solution import PeriodTable, SliderMotion, check_start, check_times
+from imotor_ros.errors import SolverError
 
 Array = NDArray[np.float64]
 
@@ -87,11 +87,7 @@ def simulate(
         If the events of a period have no end.
 
     """
-    if not isinstance(periods, int) or periods < 1:
-        raise BadInputError("is out of bounds", where="periods", value=periods, bound=">= 1")
-    for name, value in (("velocity", initial_velocity), ("position", initial_position)):
-        if not math.isfinite(value):
-            raise BadInputError("is not finite", where=f"initial_{name}", value=value)
+    check_start(periods, initial_velocity, initial_position)
     load = load or LoadParameters.free()
     numbers = constants(slider.mass, friction.numbers, load.numbers)
     outer = slider.axial_force - slider.weight_along_rod
@@ -152,7 +148,7 @@ def _longest_step(motion: HarmonicMotion) -> float:
 
 
 @njit(cache=True, error_model="numpy")
-def _rod_series(theta, spectrum, powers, r):
+def _rod_series(theta: float, spectrum: Array, powers: Array, r: Array) -> None:
     """Fill Taylor coefficients of the rod velocity at a phase (rad), in time (s)."""
     r[:] = 0.0
     cos_1, sin_1 = math.cos(theta), math.sin(theta)
@@ -172,7 +168,9 @@ def _rod_series(theta, spectrum, powers, r):
 
 
 @njit(cache=True, error_model="numpy")
-def _extremes(v, order, length, low, high, test, work):
+def _extremes(
+    v: Array, order: int, length: float, low: float, high: float, test: Array, work: Array
+) -> tuple[float, float]:
     """Widen (low, high) by the extremes of a polynomial on [0, length], ends included."""
     for value in (v[0], evaluate(v, order, length)):
         low, high = min(low, value), max(high, value)
@@ -199,8 +197,20 @@ def _extremes(v, order, length, low, high, test, work):
 
 @njit(cache=True, error_model="numpy")
 def _solve(
-    period, spectrum, powers, longest, p, outer, scale, x, velocity, rows, steps, s, work,
-):  # fmt: skip
+    period: int,
+    spectrum: Array,
+    powers: Array,
+    longest: float,
+    p: Array,
+    outer: float,
+    scale: float,
+    x: float,
+    velocity: float,
+    rows: Array,
+    steps: Array,
+    s: Array,
+    work: Array,
+) -> tuple[int, int, float, float]:
     """
     Fill one row per period; return number of steps, period that failed or -1, and x and v_S.
 
@@ -257,7 +267,7 @@ def _solve(
                     negative += slid
                 else:
                     stuck += gone
-                force += integral(s[LOAD], order, gone)
+                force += load_impulse(s, order, gone)
                 low, high = _extremes(s[SLIDER_VELOCITY], order, gone, low, high, test, work)
             is_over = time + gone >= period * (1.0 - 2e-16)
             idle = idle + 1 if time + gone == time else 0
@@ -289,10 +299,8 @@ class _Steps:
 
     def sample(self, time: ArrayLike) -> SliderMotion:
         """Return the motion at the times (s) since the start."""
-        times = np.asarray(time, dtype=np.float64)
+        times = check_times(time, self._periods * self._motion.period)
         turns = times / self._motion.period
-        if times.size and (turns.min() < 0.0 or turns.max() > self._periods * (1 + 1e-12)):
-            raise BadInputError("is outside the solution", where="time", value=times)
         index = np.clip(np.searchsorted(self._turns, turns, side="right") - 1, 0, None)
         step = self._steps[index]
         local = (turns - self._turns[index]) * self._motion.period
