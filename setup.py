@@ -43,7 +43,16 @@ setup(
         (f"share/{PACKAGE}", ["package.xml"]),
         *list_params(),
     ],
-    install_requires=["setuptools", "numpy", "scipy", "numba", "rosbags", "matplotlib", "pyyaml", "rich"],
+    install_requires=[
+        "setuptools",
+        "numpy",
+        "scipy",
+        "numba",
+        "rosbags",
+        "matplotlib",
+        "pyyaml",
+        "rich",
+    ],
     python_requires=">=3.11",
     zip_safe=True,
     entry_points={

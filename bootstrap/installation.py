@@ -110,6 +110,7 @@ class Installation:
         self._state.interpreter = self._interpreter.executable
         self._state.version = self._interpreter.version
         self._state.ros_modules = self._layout.ros_modules
+        self._state.running = ""
         self._state.stamps = stamps
         self._state.write()
         return self._interpreter.version
@@ -139,11 +140,13 @@ class Installation:
                 del done[step]
         is_damaged = not probe(self._layout.venv_python, os.environ)
         # What pip was writing when it was killed cannot be told from what it had written.
-        was_interrupted = self._state.running in self._keys and self._state.running not in STEPS
+        was_interrupted = self._state.running not in ("", *STEPS)
         if is_damaged or was_interrupted:
             done.clear()
-        if not os.path.exists(self._layout.marker):
+        if "interfaces" not in done or not os.path.exists(self._layout.marker):
+            # The overlay is made anew, and with it all that is in it.
             done.pop("interfaces", None)
+            done.pop("links", None)
 
     def _check_machine(self, missing: list[str]) -> None:
         if "interfaces" in missing:

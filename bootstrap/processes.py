@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import select
 import signal
@@ -103,7 +104,8 @@ def _end(process: subprocess.Popen[bytes]) -> None:
     deadline = time.monotonic() + GRACE
     while process.poll() is None and time.monotonic() < deadline:
         time.sleep(0.05)
-    os.killpg(process.pid, signal.SIGKILL)
+    with contextlib.suppress(ProcessLookupError):
+        os.killpg(process.pid, signal.SIGKILL)
     process.wait()
 
 
@@ -121,7 +123,7 @@ CAUSES = (
     ("ConnectTimeoutError", "no network: the package index cannot be reached"),
     ("CERTIFICATE_VERIFY_FAILED", "the package index's certificate is not trusted"),
     ("ensurepip is not available", "this Python lacks the venv module"),
-    ("No matching distribution found for", "the package index lacks a pinned package"),
+    ("No matching distribution found for", "the package index cannot be reached, or lacks"),
     ("is not able to compile a simple test program", "the C or C++ compiler does not work"),
     ("Killed signal terminated program", "out of memory while compiling"),
 )
@@ -131,9 +133,9 @@ def explain(output: str, program: str, code: int) -> str:
     """Return in one line why a program failed, from what it printed."""
     for text, cause in CAUSES:
         if text in output:
-            if cause.endswith("package"):
+            if cause.endswith("lacks"):
                 line = next(line for line in output.splitlines() if text in line)
-                cause += ": " + line.split(text)[1].split("(")[0].strip()
+                cause += " " + line.split(text)[1].split("(")[0].strip()
             return cause
     lines = [line.strip() for line in output.splitlines() if "error" in line.lower()]
     first_error = f": {lines[0]}" if lines else ""

@@ -7,6 +7,10 @@ import sys
 import time
 
 
+REFRESH = 0.1
+"""Shortest time between two live lines (s)."""
+
+
 class Progress:
     """Numbered steps with their elapsed time."""
 
@@ -15,6 +19,7 @@ class Progress:
         self._number = 0
         self._title = ""
         self._start = 0.0
+        self._shown = 0.0
         self._is_live = sys.stderr.isatty()
 
     def expect(self, count: int) -> None:
@@ -33,8 +38,10 @@ class Progress:
 
     def update(self, detail: str) -> None:
         """Show what the step is at, and its elapsed time; on a terminal only."""
-        if not self._is_live:
+        now = time.monotonic()
+        if not self._is_live or now < self._shown + REFRESH:
             return
+        self._shown = now
         text = f"imotor: {self._label()}  {self._elapsed():3.0f} s  {detail}"
         width = shutil.get_terminal_size().columns - 1
         self._write("\r\033[K" + text[:width])

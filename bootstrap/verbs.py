@@ -64,8 +64,12 @@ def clean() -> int:
 def shell_env(layout: Layout, changed: Mapping[str, str]) -> int:
     """Print what a shell has to evaluate to run the executables by hand."""
     programs = os.path.join(layout.venv, "bin")
-    path = prepend([programs], os.environ.get("PATH", os.defpath))
-    for name, value in {**changed, "PATH": path}.items():
+    prefixes = [layout.overlay] if layout.kind == SOURCED else [layout.overlay, layout.venv]
+    for_a_shell = {
+        "PATH": prepend([programs], os.environ.get("PATH", os.defpath)),
+        "CMAKE_PREFIX_PATH": prepend(prefixes, os.environ.get("CMAKE_PREFIX_PATH", "")),
+    }
+    for name, value in {**changed, **for_a_shell}.items():
         print(f"export {name}={shlex.quote(value)}")
     return 0
 
