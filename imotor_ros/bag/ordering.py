@@ -135,10 +135,14 @@ class MessageOrder:
             heapq.heappush(self._held, held)
         self._note(topic, time if end is None else end)
 
-    def _note(self, topic: str, end: int) -> None:
+    def promise(self, topic: str, end: int) -> None:
+        """Take note that no message of an awaited topic has an earlier time than `end` (ns)."""
         if topic in self._ends:
             known = self._ends[topic]
             self._ends[topic] = end if known is None else max(known, end)
+
+    def _note(self, topic: str, end: int) -> None:
+        self.promise(topic, end)
         if topic in self._missing:
             self._missing[topic] -= 1
             if not self._missing[topic]:

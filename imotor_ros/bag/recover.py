@@ -206,8 +206,9 @@ def _restore_metadata(file: Path) -> bool:
     is_stale = is_bag and _message_count(target) != information["message_count"]
     if is_stale:
         draft = folder / f"{layout.METADATA}.new"
-        with draft.open("w", encoding="utf-8") as stream:
-            YAML(typ="safe").dump({_INFORMATION: information}, stream)
+        yaml = YAML(typ="safe")
+        yaml.default_flow_style = False
+        yaml.dump({_INFORMATION: information}, draft)
         sync(draft)
         draft.replace(target)
     marker.unlink(missing_ok=True)

@@ -12,7 +12,6 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
-from collections.abc import Mapping
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -83,15 +82,13 @@ class RunStorage(McapWriter):
             self._cut(start)
             raise
 
-    def drop_chunk(self) -> Mapping[int, int]:
-        """Forget the open chunk; return the number of messages dropped by connection."""
-        dropped = {key: len(messages) for key, messages in self.chunk.msgs.items()}
-        for key, count in dropped.items():
-            self.channel_stats[key] -= count
+    def drop_chunk(self) -> None:
+        """Forget the open chunk, which cannot be written."""
+        for key, messages in self.chunk.msgs.items():
+            self.channel_stats[key] -= len(messages)
         self.chunk.msgs.clear()
         self.chunk.bio.seek(0)
         self.chunk.bio.truncate()
-        return dropped
 
     def _cut(self, size: int) -> None:
         with suppress(OSError):
@@ -114,14 +111,11 @@ class RunBagWriter(Writer):
         """The file being written."""
         return cast("RunStorage", self.storage)
 
-    def drop_chunk(self) -> None:
-        """Forget the open chunk, which cannot be written."""
-        for key, count in self.run_storage.drop_chunk().items():
-            self.counts[key] -= count
-
-    def limit_times(self, last: int) -> None:
-        """Set the time of the last message, after a chunk was dropped."""
-        self.max_timestamp = self.run_storage.message_end_time = last
+    def drop_chunk(self, last_time: int) -> None:
+        """Forget the open chunk, which cannot be written; before it came `last_time` (ns)."""
+        self.run_storage.drop_chunk()
+        self.counts.update(self.run_storage.channel_stats)
+        self.max_timestamp = self.run_storage.message_end_time = last_time
 
 
 def _compress(data: bytes) -> bytes:

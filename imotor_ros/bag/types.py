@@ -121,8 +121,14 @@ class BagTypes:
         return np.ascontiguousarray(values, dtype=np.float64)
 
     def serialize(self, message: Any) -> bytes:
-        """Return the message as CDR, little-endian, with its encapsulation header."""
-        return bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
+        """
+        Return the message as CDR, little-endian, with its encapsulation header.
+
+        Filled up with zeros to a multiple of four bytes, as Fast DDS does: the same content has
+        the same bytes, whoever serialised it.
+        """
+        data = bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
+        return data + bytes(-len(data) % 4)
 
     def deserialize(self, data: bytes | memoryview, type_name: str) -> Any:
         """

@@ -266,8 +266,7 @@ class RunWriter:
 
     def _fall_back(self) -> None:
         """Go back to what was committed, because the open chunk cannot be written."""
-        self._writer.drop_chunk()
-        self._writer.limit_times(max(0, self._committed_time))
+        self._writer.drop_chunk(max(0, self._committed_time))
         self.ledgers = self._committed
 
     def _end(self, end_state: str, result: Mapping[str, Any] | None) -> None:

@@ -96,6 +96,7 @@ class _SimRun:
             plan.program,
             run_info=plan.run_info,
             provenance=plan.provenance,
+            report_interval=point.report_interval,
             types=self._types,
         )
         self._plan = plan

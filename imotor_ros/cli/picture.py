@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from imotor_ros.bag.reader import RunBag
 from imotor_ros.core import channel
 from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.indicators import FREE_RUN
 
 _PERIODS_SHOWN = 4
 _BINS = 1200
@@ -33,10 +34,11 @@ def draw_run(bag_path: Path, picture_path: Path) -> None:
 
     with RunBag(bag_path) as bag:
         program = bag.program
+        window = bag.performance.window(FREE_RUN)
         signals = {name: bag.samples(name)[0] for name in channel.MEASURED_CHANNELS}
     figure = Figure(figsize=(9, 7.5), layout="constrained")
     close, whole, force = figure.subplots(3, 1)
-    _draw_periods(close, signals, program)
+    _draw_periods(close, signals, program, window.start if window else program.span("hold")[0])
     _draw_velocity(whole, signals[channel.SLIDER_VELOCITY], program)
     _draw_force(force, signals[channel.LOAD_FORCE], program)
     frequency = program.fundamental_frequency
@@ -47,18 +49,16 @@ def draw_run(bag_path: Path, picture_path: Path) -> None:
 
 
 def _draw_periods(
-    axes: Any, signals: dict[str, NDArray[np.float64]], program: DriveProgram
+    axes: Any, signals: dict[str, NDArray[np.float64]], program: DriveProgram, first: int
 ) -> None:
-    """Draw some periods from the middle of the free run."""
-    start, end = program.span("hold")
+    """Draw some periods from sample `first` on."""
     period = program.sample_rate / program.fundamental_frequency
-    first = start + (end - start) // 4
     last = first + round(_PERIODS_SHOWN * period)
     time = np.arange(last - first) / program.sample_rate * 1e3
     for name, colour in ((channel.ROD_VELOCITY, _ROD), (channel.SLIDER_VELOCITY, _SLIDER)):
         axes.plot(time, signals[name][first:last], color=colour, label=name, linewidth=1.3)
     _label(axes, f"time since {first / program.sample_rate * 1e3:.1f} ms (ms)", "velocity (m/s)")
-    axes.legend(loc="upper right", frameon=False)
+    axes.legend(loc="lower right", frameon=False)
 
 
 def _draw_velocity(

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import ArrayLike
 
 from imotor_ros.core.channel import SampleFlag
-from imotor_ros.core.filters import Complex
+from imotor_ros.core.linear_systems import Complex
 from imotor_ros.core.parameters import Parameters, parameter
 from imotor_ros.core.samples import Samples, checked_sample_rate, checked_samples
 from imotor_ros.errors import BadInputError

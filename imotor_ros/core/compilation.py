@@ -1,5 +1,5 @@
 """
-Compiles all compiled code of the package into Numba's cache: ``python -m imotor_ros.core.compilation``.
+Fills Numba's cache with all compiled code of the package; `python -m` runs this module.
 
 Kernels with explicit signatures are compiled when their module is imported, the others when they
 are first called. Done once after an installation, no run waits for the compiler.
@@ -12,7 +12,6 @@ import pkgutil
 import time
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-
 
 import imotor_ros.core
 from imotor_ros.core import closed_form, sampled, taylor

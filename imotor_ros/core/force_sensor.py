@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike
 
 from imotor_ros.core.channel import LOAD_FORCE, ChannelDescription, SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
-from imotor_ros.core.filters import (
+from imotor_ros.core.filters import StreamFilter
+from imotor_ros.core.linear_systems import (
     Complex,
-    StreamFilter,
     bessel_low_pass,
     first_order_high_pass,
     resonator,

@@ -18,7 +18,8 @@ from numpy.typing import ArrayLike
 
 from imotor_ros.core.channel import ChannelDescription, SampleFlag
 from imotor_ros.core.digitiser import Digitiser, DigitiserParameters
-from imotor_ros.core.filters import Complex, StreamFilter
+from imotor_ros.core.filters import StreamFilter
+from imotor_ros.core.linear_systems import Complex
 from imotor_ros.core.random_streams import generator
 from imotor_ros.core.samples import Samples, checked_samples
 

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike
 
 from imotor_ros.core.channel import CURRENT, VOLTAGE, ChannelDescription, SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
-from imotor_ros.core.filters import Complex, StreamFilter, first_order_low_pass
+from imotor_ros.core.filters import StreamFilter
+from imotor_ros.core.linear_systems import Complex, first_order_low_pass
 from imotor_ros.core.measurement_chain import ChainErrors, MeasurementChain
 from imotor_ros.core.parameters import Parameters, group, parameter
 from imotor_ros.core.samples import Samples, checked_bandwidth, checked_sample_rate

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from imotor_ros.core.amplifier import Amplifier, AmplifierParameters
 from imotor_ros.core.channel import ChannelDescription, SampleFlag
-from imotor_ros.core.filters import Complex
 from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
+from imotor_ros.core.linear_systems import Complex
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
 from imotor_ros.core.parameters import Parameters, choice, group
 from imotor_ros.core.samples import Samples, checked_sample_rate

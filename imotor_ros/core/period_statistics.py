@@ -9,8 +9,11 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-# From the median of absolute values to the standard deviation of a normal distribution.
-_MEDIAN_TO_DEVIATION = 1.4826
+MEDIAN_TO_DEVIATION = 1.4826
+"""From the median of absolute values to the standard deviation of a normal distribution."""
+
+_NEIGHBOURS = 5
+_SPIKE = 8.0
 
 SIGNIFICANT = 3.0
 """Multiples of its standard uncertainty from which on a difference counts as one."""
@@ -81,4 +84,20 @@ def noise_of(values: Array) -> float:
     if values.size < 2:
         return 0.0
     differences = np.abs(np.diff(values))
-    return float(np.median(differences)) * _MEDIAN_TO_DEVIATION / math.sqrt(2.0)
+    return float(np.median(differences)) * MEDIAN_TO_DEVIATION / math.sqrt(2.0)
+
+
+def without_spikes(values: Array) -> Array:
+    """
+    Return values with those that stand far out of their neighbourhood replaced by its median.
+
+    The neighbourhood are five values; far is eight standard deviations of the noise.
+    """
+    if values.size < _NEIGHBOURS:
+        return values
+    half = _NEIGHBOURS // 2
+    windows = np.lib.stride_tricks.sliding_window_view(values, _NEIGHBOURS)
+    medians = values.copy()
+    medians[half:-half] = np.median(windows, axis=1)
+    is_spike = np.abs(values - medians) > _SPIKE * noise_of(values)
+    return np.where(is_spike, medians, values)

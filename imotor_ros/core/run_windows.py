@@ -14,7 +14,7 @@ from imotor_ros.core.channel import LOAD_FORCE, SLIDER_VELOCITY, SampleFlag
 from imotor_ros.core.contact import Contact, ContactCriteria, find_contact
 from imotor_ros.core.indicators import FREE_RUN, LOAD, Window
 from imotor_ros.core.load_record import LoadRecord
-from imotor_ros.core.period_statistics import SIGNIFICANT, noise_of
+from imotor_ros.core.period_statistics import SIGNIFICANT, noise_of, without_spikes
 from imotor_ros.core.run_view import NotAvailable, RunView
 from imotor_ros.core.steady_state import SteadyState, find_steady_state
 
@@ -49,13 +49,20 @@ class RunWindows:
             first=view.first,
         )
         contact = find_contact(
-            view.means(SLIDER_VELOCITY) if has_velocity else None,
+            self._velocity if has_velocity else None,
             None if record.reason else record.changes,
             criteria,
         )
         if contact.warning:
             view.warn(contact.warning)
         return contact
+
+    @cached_property
+    def _velocity(self) -> NDArray[np.float64]:
+        """Period means of the slider velocity, those that a drop-out has spoiled smoothed over."""
+        means = self._view.means(SLIDER_VELOCITY)
+        has_drop_outs = self._view.flags(SLIDER_VELOCITY) & SampleFlag.DROP_OUT
+        return without_spikes(means) if has_drop_outs else means
 
     @cached_property
     def free_end(self) -> int:
@@ -90,7 +97,7 @@ class RunWindows:
     def _free_state(self) -> SteadyState:
         view = self._view
         state = self._steady_state(
-            view.means(SLIDER_VELOCITY),
+            self._velocity,
             view.first,
             self.free_end,
             view.parameters.velocity_drift_bound,

@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from imotor_ros.core.filters import Complex
+from imotor_ros.core.linear_systems import Complex
 from imotor_ros.core.parameters import Parameters, parameter
 from imotor_ros.core.samples import (
     Samples,

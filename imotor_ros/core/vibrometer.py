@@ -17,12 +17,8 @@ from numpy.typing import ArrayLike
 
 from imotor_ros.core.channel import ChannelDescription, SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
-from imotor_ros.core.filters import (
-    Complex,
-    StreamFilter,
-    bessel_low_pass,
-    first_order_high_pass,
-)
+from imotor_ros.core.filters import StreamFilter
+from imotor_ros.core.linear_systems import Complex, bessel_low_pass, first_order_high_pass
 from imotor_ros.core.measurement_chain import ChainErrors, MeasurementChain, OverlapMark
 from imotor_ros.core.parameters import Parameters, group, parameter
 from imotor_ros.core.random_streams import generator

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from imotor_ros.core.period_statistics import noise_of
+from imotor_ros.core.period_statistics import MEDIAN_TO_DEVIATION
 from imotor_ros.core.periods import add_alternating, project_rows, square_deviations
 
 Array = NDArray[np.float64]
@@ -124,7 +124,7 @@ def without_spoiled(waveforms: Rows, selection: Selection) -> Selection:
     square_deviations(waveforms, selection, mean_of_halves(halves, selection.size), distances)
     distances = np.sqrt(distances)
     middle = float(np.median(distances))
-    deviation = max(noise_of(distances), 0.05 * middle)
+    deviation = MEDIAN_TO_DEVIATION * float(np.median(np.abs(distances - middle)))
     return selection[distances <= middle + _SPOILED * deviation]
 
 

@@ -51,6 +51,7 @@ def _recorder(plan: RunPlan) -> NodeParameters:
         path=str(plan.bag_path.absolute()),
         run_info=plan.run_info_json,
         provenance=json.dumps(dict(plan.provenance)),
+        report_interval=plan.parameters.report_interval,
     )
 
 

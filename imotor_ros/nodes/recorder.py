@@ -41,6 +41,9 @@ class RecorderParameters(NodeParameters):
     channel_count: int = parameter(
         len(topics.MEASURED_TOPICS), "number of channels that are described", low=0, high=1000
     )
+    report_interval: float = parameter(
+        0.05, "stream time between provisional indicators, 0 for none", unit="s", low=0.0, high=3600
+    )
 
     def check(self) -> None:
         """Check that the texts are JSON objects."""
@@ -134,6 +137,7 @@ class RecorderNode(StandNode[RecorderParameters]):
             run_info=_read_json("run_info", settings.run_info),
             provenance=_read_json("provenance", settings.provenance),
             channel_count=settings.channel_count,
+            report_interval=settings.report_interval,
             namespace=self.get_namespace(),
             is_simulated=settings.is_simulated,
         )

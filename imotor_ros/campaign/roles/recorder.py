@@ -10,7 +10,7 @@ from imotor_ros.bag.ordering import MessageOrder
 from imotor_ros.bag.types import BagTypes, installed_types
 from imotor_ros.bag.writer import RunWriter
 from imotor_ros.contracts import topics
-from imotor_ros.contracts.blocks import SampleBlock, sample_time
+from imotor_ros.contracts.blocks import sample_time
 from imotor_ros.contracts.messages import (
     block_from_message,
     message_time,
@@ -42,6 +42,8 @@ class RecorderRole:
         Topics that are recorded; those that are streams must all come to their end.
     channel_count : int
         Number of channel descriptions to expect.
+    report_interval : float
+        Stream time between provisional indicators (s), 0 for none.
     namespace : str
         Namespace of the stand.
     is_simulated : bool
@@ -63,6 +65,7 @@ class RecorderRole:
         provenance: Mapping[str, Any],
         recorded: tuple[Topic, ...] = topics.ALL_TOPICS,
         channel_count: int = len(topics.MEASURED_TOPICS),
+        report_interval: float = 0.0,
         namespace: str = topics.DEFAULT_NAMESPACE,
         is_simulated: bool = True,
         types: BagTypes | None = None,
@@ -76,7 +79,7 @@ class RecorderRole:
         streams = [topic for topic in recorded if topic.intent is Intent.STREAM]
         self._ends = {topic.name: 0 for topic in streams if is_sampled(topic)}
         self._order = MessageOrder(
-            [topic.name for topic in streams],
+            [*(topic.name for topic in streams), topics.PERFORMANCE.name],
             {
                 topics.RUN_INFO.name: 1,
                 topics.DRIVE_PROGRAM.name: 1,
@@ -84,6 +87,8 @@ class RecorderRole:
             },
             is_simulated=is_simulated,
         )
+        self._report_step = round(report_interval * program.sample_rate)
+        self._order.promise(topics.PERFORMANCE.name, self._next_report(0))
         self._writer = RunWriter(
             path,
             run_id=program.run_id,
@@ -140,18 +145,26 @@ class RecorderRole:
         if topic in self._ends:
             block = block_from_message(message)
             self._ends[topic] = max(self._ends[topic], block.end_index)
-            end = self._end_time(block)
+            end = self._time(block.end_index)
         elif topic == topics.DRIVE_PROGRESS.name:
             self._consumed = max(self._consumed, int(message.consumed))
         elif topic == topics.DRIVE_PROGRAM.name:
             self._note_program(program_from_message(message))
-        elif topic == topics.PERFORMANCE.name and message.is_final:
-            self.performance = performance_from_message(message)
+        elif topic == topics.PERFORMANCE.name:
+            if message.is_final:
+                self.performance = performance_from_message(message)
+            end = self._next_report(int(message.end_index))
         self._order.add(topic, data, time, end)
         self._write(self._order.ready())
 
-    def _end_time(self, block: SampleBlock) -> int:
-        return sample_time(self.program.epoch, block.end_index, block.sample_rate)
+    def _next_report(self, last: int) -> int:
+        """Return the time before which no indicators come after those of `last` samples."""
+        length = self.program.length
+        following = last + self._report_step if self._report_step else length
+        return self._time(min(following, length) if last < length else length + 1)
+
+    def _time(self, index: int) -> int:
+        return sample_time(self.program.epoch, index, self.program.sample_rate)
 
     def _note_program(self, program: DriveProgram) -> None:
         self._was_cut = self._was_cut or program != self.program
