@@ -6,7 +6,6 @@ import shutil
 import sys
 import time
 
-
 REFRESH = 0.1
 """Shortest time between two live lines (s)."""
 

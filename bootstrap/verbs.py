@@ -18,7 +18,10 @@ from bootstrap.progress import say
 CHECKS = (
     ("ruff", ["-m", "ruff", "check", "."]),
     ("mypy", ["-m", "mypy"]),
-    ("import-linter", ["-c", "from importlinter.cli import lint_imports_command as run; run()"]),
+    (
+        "import-linter",
+        ["-c", "from importlinter.cli import lint_imports_command as run; run()", "--no-logo"],
+    ),
 )
 
 
