@@ -1,4 +1,4 @@
-"""Continuous-time linear systems as zeros, poles and gain: the models of the instruments' filters."""
+"""Continuous-time systems by zeros, poles and gain: the models of the instruments' filters."""
 
 from __future__ import annotations
 

@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from imotor_ros.core.amplifier import Amplifier, AmplifierParameters
 from imotor_ros.core.channel import SampleFlag
-from imotor_ros.core.filters import StreamFilter, bessel_low_pass, first_order_high_pass
+from imotor_ros.core.filters import StreamFilter
 from imotor_ros.core.force_sensor import ForceSensor, ForceSensorParameters
+from imotor_ros.core.linear_systems import bessel_low_pass, first_order_high_pass
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
 from imotor_ros.core.motor import MotorParameters, VirtualMotor
 from imotor_ros.core.slider import LoadParameters

@@ -7,8 +7,8 @@ import pytest
 
 from imotor_ros.core.channel import LOAD_FORCE, SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
-from imotor_ros.core.filters import bessel_low_pass, resonator
 from imotor_ros.core.force_sensor import ForceSensor, ForceSensorParameters
+from imotor_ros.core.linear_systems import bessel_low_pass, resonator
 from imotor_ros.errors import BadInputError
 
 Probe = Callable[..., complex]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from imotor_ros.core.channel import CURRENT, VOLTAGE, SampleFlag
-from imotor_ros.core.filters import first_order_low_pass
+from imotor_ros.core.linear_systems import first_order_low_pass
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
 from imotor_ros.errors import BadInputError
 

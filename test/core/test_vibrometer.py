@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from imotor_ros.core.channel import SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
-from imotor_ros.core.filters import bessel_low_pass
+from imotor_ros.core.linear_systems import bessel_low_pass
 from imotor_ros.core.vibrometer import Vibrometer, VibrometerParameters
 from imotor_ros.errors import BadInputError
 
