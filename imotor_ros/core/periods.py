@@ -3,7 +3,8 @@ Drive periods: a stream folded into periods, and the mean waveform of many of th
 
 A drive period is in general no whole number of samples (216.216... at 4625 Hz and 1 MS/s).
 Every period is therefore read at the same phases, by interpolation, with the delay of the
-channel taken out on the way. Over such a period the plain mean of the points is exact for every
+channel taken out on the way: at the middles of equal parts, so that the mean of the points belongs
+to the middle of the period. Over such a period the plain mean of the points is exact for every
 harmonic of the drive below half the number of points, and so is the discrete Fourier transform.
 """
 
@@ -101,7 +102,7 @@ class PeriodGrid:
     @property
     def phases(self) -> NDArray[np.float64]:
         """Phases of the points (cycles of the drive, from `start_phase`), shape (points,)."""
-        return np.asarray(self.start_phase + np.arange(self.points) / self.points)
+        return np.asarray(self.start_phase + (np.arange(self.points) + 0.5) / self.points)
 
 
 def _cycles_at(program: DriveProgram, sample: int) -> float:
@@ -243,7 +244,7 @@ def fold_rows(
     """
     step = period / waveforms.shape[1]
     for j in range(means.size):
-        start = origin + ((row + j) * period + delay)
+        start = origin + ((row + j) * period + delay + 0.5 * step)
         whole = math.floor(start)
         base = whole - BEFORE - first_index
         if base < 0:

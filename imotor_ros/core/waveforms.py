@@ -4,8 +4,9 @@ Mean waveforms over one drive period, and what is read from them.
 Noise is averaged over all periods before anything that is not linear is done (an extremum, a
 magnitude, a power). What bias is left is avoided by halves: one half of the periods says where
 an extremum lies, or which sign a velocity has, and the other half, whose noise is independent,
-says how large it is there. The value from one and the same mean waveform errs to the high side
-instead; the two differ by what the noise leaves open, and that enters the uncertainty.
+says how large it is there. That errs to the low side, for extrema; the value from one and the
+same mean waveform errs to the high side. The two differ by what the noise leaves open, and that
+enters the uncertainty.
 """
 
 from __future__ import annotations
@@ -37,6 +38,11 @@ _KEPT_BAND = 3.0
 # 0.395/B times the change of slope: the loss is at most 0.133 of it.
 _CORNER_REACH = 0.5
 _CORNER_LOSS = 0.133
+
+# Weight of the crossed value of the peak-to-peak value, relative to the direct one. Over triangles
+# and sines, with and without low-pass, of 13 to 400 periods' worth of noise, this leaves a bias of
+# -0.6 to 0.8 deviations of the mean waveform's noise; the direct value has 0.03 to 3.2.
+_CROSSED = 2.0
 
 # A period whose distance from the mean waveform stands out by this many deviations is spoiled.
 _SPOILED = 8.0
@@ -184,7 +190,7 @@ def peak_to_peak(
     reach = min(max(1, round(corner_reach * fine.size)), fine.size // 4)
     loss = _CORNER_LOSS * (_bend(fine, high, reach) + _bend(fine, low, reach))
     return Extremes(
-        value=0.5 * (direct + crossed),
+        value=(direct + _CROSSED * crossed) / (1.0 + _CROSSED),
         per_period=per_period,
         noise_bias=abs(direct - crossed) / math.sqrt(12.0),
         bandwidth_loss=loss,
