@@ -161,7 +161,7 @@ class Installation:
 
     def _run_steps(self, missing: list[str]) -> None:
         if "packages" in missing:
-            say(f"setting up in {self._layout.home}, about a minute")
+            say(f"setting up in {self._layout.home}, one to two minutes")
         self._progress.expect(len(missing))
         start = time.monotonic()
         for step in missing:
