@@ -74,6 +74,7 @@ class RecorderNode(StandNode[RecorderParameters]):
         super().__init__("recorder", RecorderParameters, context=context, **options)
         self._role: RecorderRole | None = None
         self._done: set[str] = set()
+        self._received = 0
         self._early: deque[tuple[str, bytes, int]] = deque()
         self._state: Publisher | None = None
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -94,6 +95,10 @@ class RecorderNode(StandNode[RecorderParameters]):
         """Close the bag of a run that has not come to its end."""
         self._close("the recorder was deactivated")
 
+    def received_count(self) -> int:
+        """Return the number of messages received."""
+        return self._received
+
     def finish(self) -> None:
         """Close the bag because the process ends."""
         self._close("the recorder was stopped")
@@ -113,6 +118,7 @@ class RecorderNode(StandNode[RecorderParameters]):
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:
         def receive(data: bytes) -> None:
             now = time.time_ns()
+            self._received += topic is not topics.DIAGNOSTICS
             if self._role is None and topic is topics.DRIVE_PROGRAM:
                 self._open(data)
             if self._role is None:

@@ -67,6 +67,12 @@ class NodeParameters(Parameters):
 
 P = TypeVar("P", bound=NodeParameters)
 
+_DRAIN_TIMEOUT = 5.0
+"""Longest time (s) that a node goes on reading after it was told to end."""
+
+_QUIET_TIME = 0.1
+"""Time (s) without a message after which there is nothing left to read."""
+
 
 class StandNode(LifecycleNode, Generic[P]):
     """
@@ -140,6 +146,10 @@ class StandNode(LifecycleNode, Generic[P]):
 
     def cleanup(self) -> None:
         """Let go of what `configure` made; the endpoints go by themselves."""
+
+    def received_count(self) -> int:
+        """Return how many messages came; while it grows, an ending process goes on reading."""
+        return 0
 
     def finish(self) -> None:
         """Bring open work to its end because the process is about to end."""
@@ -399,6 +409,7 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     try:
         while not stopped_by:
             executor.spin_once(timeout_sec=0.1)
+        _drain(node, executor)
     except ExternalShutdownException:
         pass
     finally:
@@ -407,3 +418,14 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
         node.destroy_node()
         context.try_shutdown()
     return 0
+
+
+def _drain(node: StandNode[Any], executor: SingleThreadedExecutor) -> None:
+    """Handle what has been received already, but not read."""
+    deadline = time.monotonic() + _DRAIN_TIMEOUT
+    seen = -1
+    quiet_since = time.monotonic()
+    while time.monotonic() < min(deadline, quiet_since + _QUIET_TIME):
+        if node.received_count() != seen:
+            seen, quiet_since = node.received_count(), time.monotonic()
+        executor.spin_once(timeout_sec=0.02)
