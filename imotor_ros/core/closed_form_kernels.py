@@ -134,8 +134,8 @@ def _turning_extremes(
     """
     level = levels[0] if sign > 0 else levels[1]
     a, w_a = start, w
-    for j in range(rests.size):
-        b = rests[j] if rests[j] < end else end
+    for j in range(rests.size + 1):
+        b = min(rests[j], end) if j < rests.size else end
         if b <= a:
             continue
         left, first, _unused = decays(decay, b - start)
