@@ -170,7 +170,7 @@ class McapFile:
                 return
             is_whole = offset + _FRAME.size + length <= self.size
             if kind == 0 or (not is_whole and kind != _CHUNK):
-                self._note_damage(offset, "no record of an MCAP file")
+                self._note_damage(offset, "no whole record")
                 return
             if kind in (_SCHEMA, _CHANNEL, _MESSAGE, _CHUNK):
                 content = self._read(offset + _FRAME.size, min(length, self.size))

@@ -155,7 +155,7 @@ class StandRun:
         return path
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def stand_run() -> type[StandRun]:
     """The class `StandRun`."""
     return StandRun
