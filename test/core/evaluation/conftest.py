@@ -143,7 +143,7 @@ class PaperRun:
         evaluator.begin(self.program)
         for name in names:
             evaluator.add_channel(self.channel(name))
-            samples = changed.get(name.replace("/", "_"), None)
+            samples = changed.get(name.replace("/", "_"))
             samples = self.samples(name) if samples is None else samples
             for first in range(0, samples.size, block):
                 evaluator.add_samples(name, first, samples[first : first + block])

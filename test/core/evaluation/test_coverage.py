@@ -84,7 +84,7 @@ def test_twice_the_uncertainty_holds_as_often_as_it_says(
     for name, z in deviations(run, with_calibration).items():
         share = np.mean(np.abs(z) < 2.0)
         # 95.45 % of 200 have a standard deviation of 1.5 %
-        assert 0.91 <= share, name
+        assert share >= 0.91, name
         if with_calibration or name in ("start_up_time", "ripple", "force"):
             assert np.std(z) > 0.6, f"{name}: the uncertainty is far too large"
             assert abs(np.mean(z)) < 0.3, f"{name} is biased"

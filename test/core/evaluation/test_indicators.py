@@ -77,4 +77,4 @@ def test_indicator_without_value_is_not_available() -> None:
     assert not Indicator("force", "N", reason="no contact").is_available
     assert Indicator("force", "N", 0.0, 0.1).is_available
     assert math.isnan(Indicator("force", "N").value)
-    assert list(UNITS)[0] == "mean_velocity"
+    assert next(iter(UNITS)) == "mean_velocity"

@@ -136,8 +136,9 @@ def test_mean_magnitude_of_a_sine() -> None:
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_noise_does_not_bias_the_mean_magnitude_where_the_slider_sticks(share: float) -> None:
     # a relative velocity that is zero for a share of the period
-    slides = np.where(PHASE < 1.0 - share, np.sin(np.pi * PHASE / max(1.0 - share, 1e-9)) ** 2, 0.0)
-    true = 0.5 * (1.0 - share)
+    end = 1.0 - share
+    slides = np.sin(np.pi * PHASE / max(end, 1e-9)) ** 2 * (end > PHASE)
+    true = 0.5 * end
     found = []
     for seed in range(60):
         rows, every = noisy(slides, 0.2, 40, seed)
