@@ -1,3 +1,3 @@
-"""Test stand for piezoelectric inertia motors: virtual motor, instruments and evaluation on ROS 2."""
+"""Test stand for piezoelectric inertia motors on ROS 2: motor, instruments, evaluation."""
 
 __version__ = "0.1.0"

@@ -4,7 +4,7 @@ Errors of the test stand.
 ::
 
     ImotorError
-    ├── BadInputError (ValueError)       a value from outside cannot be used: what, where, value, bound
+    ├── BadInputError (ValueError)       a value from outside that cannot be used
     │   ├── UnknownKeyError              a key that no parameter has
     │   └── UnreadableFileError          a file that is missing, is no bag, or does not parse
     ├── RunError (RuntimeError)          a run that started did not reach its end

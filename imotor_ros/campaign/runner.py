@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,7 +118,7 @@ def run_campaign(
     *,
     resume: bool = False,
     provenance: Callable[[], Mapping[str, Any]] = dict,
-) -> Iterator[CampaignEvent]:
+) -> Generator[CampaignEvent, None, None]:
     """
     Carry out a campaign and yield what happens.
 
@@ -171,7 +171,9 @@ def _plan(point: NamedPoint, output: Path) -> RunPlan:
         ) from error
 
 
-def _run_point(plan: RunPlan, bench: Bench, output: Path) -> Iterator[CampaignEvent]:
+def _run_point(
+    plan: RunPlan, bench: Bench, output: Path
+) -> Generator[CampaignEvent, None, PointResult]:
     begin = time.monotonic()
     performance: Performance | None = None
     error = ""

@@ -12,7 +12,7 @@ from imotor_ros.campaign.bench import DriveAdvanced, PerformanceReported, PhaseE
 from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.campaign.roles.evaluator import EvaluatorRole
 from imotor_ros.campaign.roles.generator import GeneratorRole
-from imotor_ros.campaign.roles.instrument import InstrumentRole
+from imotor_ros.campaign.roles.instrument import Instrument, InstrumentRole
 from imotor_ros.campaign.roles.plant import PlantRole
 from imotor_ros.campaign.roles.recorder import RecorderRole
 from imotor_ros.contracts import topics
@@ -73,7 +73,7 @@ class _SimRun:
         self._types: BagTypes = installed_types()
         self._generator = GeneratorRole(plan.program, stand.block_length, 1)
         self._plant = PlantRole(stand.motor, seed, plan.program)
-        instruments = {
+        instruments: dict[Topic, Instrument] = {
             topics.TRUE_ROD_VELOCITY: Vibrometer(
                 stand.rod_vibrometer, rate, seed, topics.ROD_VELOCITY.name
             ),
@@ -88,9 +88,7 @@ class _SimRun:
             truth.name: InstrumentRole(one, plan.program) for truth, one in instruments.items()
         }
         names = tuple(topic.name for topic in topics.MEASURED_TOPICS)
-        self._evaluator = EvaluatorRole(
-            point.evaluator, names, point.report_interval, plan.program
-        )
+        self._evaluator = EvaluatorRole(point.evaluator, names, point.report_interval, plan.program)
         self._recorder = RecorderRole(
             plan.bag_path,
             plan.program,
@@ -112,9 +110,7 @@ class _SimRun:
 
     def _announce(self) -> None:
         program, types = self._program, self._types
-        info = run_info_to_message(
-            types, program.run_id, program.epoch, self._plan.run_info_json
-        )
+        info = run_info_to_message(types, program.run_id, program.epoch, self._plan.run_info_json)
         self._record(topics.RUN_INFO, info)
         self._record(topics.DRIVE_PROGRAM, program_to_message(types, program))
         described = [*self._plant.channels]

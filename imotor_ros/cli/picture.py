@@ -61,9 +61,7 @@ def _draw_periods(
     axes.legend(loc="lower right", frameon=False)
 
 
-def _draw_velocity(
-    axes: Any, velocity: NDArray[np.float64], program: DriveProgram
-) -> None:
+def _draw_velocity(axes: Any, velocity: NDArray[np.float64], program: DriveProgram) -> None:
     _draw_envelope(axes, velocity, program, _SLIDER, period_mean=True)
     _label(axes, "time (ms)", "slider velocity (m/s)")
 

@@ -97,9 +97,7 @@ def carry_out(
     """Carry out a campaign, showing progress, and return the results of its points."""
     results: tuple[PointResult, ...] = ()
     with make_bench(options.bench, output) as bench, CampaignProgress() as progress:
-        events = run_campaign(
-            campaign, bench, output, resume=options.resume, provenance=provenance
-        )
+        events = run_campaign(campaign, bench, output, resume=options.resume, provenance=provenance)
         try:
             for event in events:
                 progress.show(event)

@@ -37,7 +37,9 @@ def run(options: argparse.Namespace) -> int:
             "is out of bounds", where="--harmonics", value=options.harmonics, bound=">= 1"
         )
     if not (math.isfinite(options.stroke) and options.stroke > 0):
-        raise BadInputError("is out of bounds", where="--stroke", value=options.stroke, bound="> 0 m")
+        raise BadInputError(
+            "is out of bounds", where="--stroke", value=options.stroke, bound="> 0 m"
+        )
     make = parabolic_sawtooth if options.shape == "parabolic_sawtooth" else classic_sawtooth
     motion = make(options.harmonics, options.stroke, fundamental_frequency=1.0)
     amplitudes, phases = list(motion.amplitudes), list(motion.relative_phases)

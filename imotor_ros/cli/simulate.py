@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
+from typing import cast
 
 from imotor_ros.cli.output import SCALES, format_value, print_json, table
-from imotor_ros.core.friction import FRICTION_LAWS
+from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
 from imotor_ros.core.model import PERIODS, Prediction, predict
 from imotor_ros.core.signals import parabolic_sawtooth
 from imotor_ros.core.slider import LoadParameters, SliderParameters
@@ -27,7 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--max-frequency", type=float, required=True, metavar="HZ", help="of the highest harmonic")
     add("--friction", choices=tuple(FRICTION_LAWS), required=True, help="friction law")
     add("--stroke", type=float, default=15e-6, metavar="M", help="peak to peak (m), default 15e-6")
-    add("--periods", type=int, default=PERIODS, metavar="P", help=f"drive periods, default {PERIODS}")
+    add(
+        "--periods",
+        type=int,
+        default=PERIODS,
+        metavar="P",
+        help=f"drive periods, default {PERIODS}",
+    )
     add("--load-stiffness", type=float, default=0.0, metavar="K", help="of a load spring (N/m)")
     add("--load-force", type=float, default=0.0, metavar="F", help="constant load (N), opposing")
     add("--sample-rate", type=float, metavar="HZ", help="solve by sampled stepping")
@@ -66,7 +73,7 @@ def _predict(options: argparse.Namespace) -> Prediction:
     return predict(
         motion,
         SliderParameters(),
-        FRICTION_LAWS[options.friction](),
+        cast("FrictionLaw", FRICTION_LAWS[options.friction]()),
         load,
         periods=options.periods,
         sample_rate=options.sample_rate,

@@ -53,9 +53,7 @@ ROD_VIBROMETER = _vibrometer("rod_vibrometer", topics.TRUE_ROD_VELOCITY, topics.
 SLIDER_VIBROMETER = _vibrometer(
     "slider_vibrometer", topics.TRUE_SLIDER_VELOCITY, topics.SLIDER_VELOCITY
 )
-FORCE_SENSOR = Role(
-    "force_sensor", "force_sensor", (topics.LOAD_FORCE,), (topics.TRUE_LOAD_FORCE,)
-)
+FORCE_SENSOR = Role("force_sensor", "force_sensor", (topics.LOAD_FORCE,), (topics.TRUE_LOAD_FORCE,))
 EVALUATOR = Role("evaluator", "evaluator", (), topics.MEASURED_TOPICS)
 RECORDER = Role(
     "recorder",

@@ -170,11 +170,9 @@ def channel_to_message(
 
 def channel_from_message(message: Any) -> ChannelDescription:
     """Return the description in a Channel message."""
-    return ChannelDescription(
-        is_simulated=bool(message.is_simulated),
-        **{key: float(getattr(message, key)) for key in _CHANNEL_NUMBERS},
-        **{key: str(getattr(message, key)) for key in _CHANNEL_TEXTS},
-    )
+    fields: dict[str, Any] = {key: float(getattr(message, key)) for key in _CHANNEL_NUMBERS}
+    fields.update({key: str(getattr(message, key)) for key in _CHANNEL_TEXTS})
+    return ChannelDescription(is_simulated=bool(message.is_simulated), **fields)
 
 
 def progress_to_message(

@@ -90,7 +90,7 @@ ALL_TOPICS = (
     PERFORMANCE,
     DIAGNOSTICS,
 )
-"""Every topic that a bag holds; the place in this tuple is the rank that orders messages of the same time."""
+"""Every topic that a bag holds; its place here is the rank that orders messages of one time."""
 
 MEASURED_TOPICS = (ROD_VELOCITY, SLIDER_VELOCITY, LOAD_FORCE, VOLTAGE_MONITOR, CURRENT)
 """What a driver publishes, and an evaluator needs."""

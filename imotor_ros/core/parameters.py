@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, Self, cast
+from typing import Any, Self
 
 from imotor_ros.errors import BadInputError, UnknownKeyError
 
@@ -170,9 +170,7 @@ class Parameters:
                     where=f"{name}: {key}",
                     bound="one of " + ", ".join(sorted(known)),
                 )
-        values = {
-            key: _read(known[key], value, f"{name}: {key}") for key, value in mapping.items()
-        }
+        values = {key: _read(known[key], value, f"{name}: {key}") for key, value in mapping.items()}
         try:
             return cls(**values)
         except BadInputError as error:
@@ -317,8 +315,8 @@ def _nest_group(field: dataclasses.Field[Any], values: dict[str, Any], where: st
 
 
 def _default_choice(field: dataclasses.Field[Any]) -> str:
-    default = cast("type[Parameters]", field.default_factory)
-    return next(k for k, c in field.metadata[_KEY].classes.items() if c is default)
+    classes: Mapping[str, type[Parameters]] = field.metadata[_KEY].classes
+    return next(key for key, one in classes.items() if one is field.default_factory)
 
 
 def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
@@ -344,7 +342,7 @@ def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
 
 
 def _checked(value: Any, field: dataclasses.Field[Any], info: FieldInfo, where: str) -> Any:
-    wanted = type(field.default)
+    wanted: type = type(field.default)
     if wanted is tuple:
         if not isinstance(value, (tuple, list)):
             raise BadInputError("is not a list of numbers", where=where, value=value)
@@ -364,7 +362,9 @@ def _number(value: Any, wanted: type, info: FieldInfo, where: str) -> float | in
         raise BadInputError("is not a number", where=where, value=value, bound=info.bound)
     if wanted is int and math.isfinite(value) and value != int(value):
         raise BadInputError("is not a whole number", where=where, value=value)
-    result: float | int = float(value) if wanted is float or not math.isfinite(value) else int(value)
+    result: float | int = (
+        float(value) if wanted is float or not math.isfinite(value) else int(value)
+    )
     too_low = result <= info.low if info.excludes_low else result < info.low
     if not math.isfinite(result) or too_low or result > info.high:
         raise BadInputError("is out of bounds", where=where, value=value, bound=info.bound)

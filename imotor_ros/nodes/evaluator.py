@@ -90,7 +90,8 @@ class EvaluatorNode(RunFollowerNode[EvaluatorNodeParameters]):
         self._report()
 
     def _report(self) -> None:
-        assert self._role is not None and self.program is not None
+        assert self._role is not None
+        assert self.program is not None
         program = self.program
         for performance in self._role.reports():
             end = sample_time(program.epoch, performance.end_index, program.sample_rate)

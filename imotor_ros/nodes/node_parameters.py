@@ -80,8 +80,6 @@ def parameters_of_nodes(plan: RunPlan, roles: Iterable[Role]) -> dict[str, Param
     """
     roles = tuple(roles)
     return {
-        role.name: _BY_NODE[role.name](plan).replace(
-            expected_readers=expected_readers(role, roles)
-        )
+        role.name: _BY_NODE[role.name](plan).replace(expected_readers=expected_readers(role, roles))
         for role in roles
     }

@@ -21,9 +21,10 @@ class ParameterBinding(Generic[P]):
     """
     Ties the ROS parameters of a node to one parameter class.
 
-    Every leaf of the class becomes a ROS parameter of the same dotted name; where a key
-    chooses between classes, the leaves of all of them are declared, not set, which means the
-    default of the class chosen; those of the classes not chosen are ignored. Values are checked by the class itself, at start and at each change.
+    Every leaf of the class becomes a ROS parameter of the same dotted name. Where a key chooses
+    between classes, the leaves of all of them are declared, not set, which means the default of
+    the class chosen; those of the classes not chosen are ignored. Values are checked by the
+    class itself, at start and at each change.
 
     Parameters
     ----------
@@ -44,7 +45,9 @@ class ParameterBinding(Generic[P]):
     def __init__(self, node: Node, parameters_class: type[P]) -> None:
         self._node = node
         self._class = parameters_class
-        self._known = {name: (default, info) for name, default, info in all_leaves(parameters_class)}
+        self._known = {
+            name: (default, info) for name, default, info in all_leaves(parameters_class)
+        }
         self.is_locked = False
         self._refuse_unknown()
         for name, (default, info) in self._known.items():
@@ -108,4 +111,3 @@ def _descriptor(name: str, default: Any, info: FieldInfo) -> ParameterDescriptor
 def parameter_values(parameters: Parameters, prefix: str = "") -> dict[str, Any]:
     """Return dotted names and values of all leaves, as `Parameter` or YAML takes them."""
     return {name: _to_ros(value) for name, value, _ in parameters.leaves(prefix)}
-

@@ -74,9 +74,7 @@ class PlantNode(RunFollowerNode[PlantParameters]):
         assert self.program is not None
         program = self.program
         moment = sample_time(program.epoch, consumed, program.sample_rate)
-        message = progress_to_message(
-            self.types, program.run_id, moment, consumed, flags, fault
-        )
+        message = progress_to_message(self.types, program.run_id, moment, consumed, flags, fault)
         self.publish(self._progress, message)
 
     def on_fault(self, reason: str) -> None:

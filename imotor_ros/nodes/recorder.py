@@ -178,7 +178,8 @@ class RecorderNode(StandNode[RecorderParameters]):
         return int(getattr(message_class(topics.RECORDING.type_name), f"STATE_{name}"))
 
     def _publish_state(self, state: int, error: str = "") -> None:
-        assert self._role is not None and self._state is not None
+        assert self._role is not None
+        assert self._state is not None
         role = self._role
         program: DriveProgram = role.program
         self._state.publish(

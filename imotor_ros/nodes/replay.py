@@ -56,11 +56,7 @@ def replay(
         yield PhaseEntered("replay")
         reported = 0
         while True:
-            client.spin_until(
-                lambda seen=reported: len(client.performances) > seen,
-                "the evaluator to report indicators",
-                STALL_TIMEOUT,
-            )
+            client.await_performance(reported, STALL_TIMEOUT)
             client.check_faults()
             performance = performance_from_message(client.performances[reported])
             reported += 1

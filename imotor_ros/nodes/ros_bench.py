@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Generator, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -27,7 +28,6 @@ from imotor_ros.nodes.node_parameters import parameters_of_nodes
 from imotor_ros.nodes.process import NodeProcess
 from imotor_ros.nodes.stand_client import PlayedProgram, StandClient
 from imotor_ros.nodes.stand_processes import STOP_TIMEOUT, StandProcesses
-
 
 STALL_TIMEOUT = 30.0
 """Longest wait (s) for the plant to consume anything."""
@@ -141,13 +141,9 @@ class RosBench:
         if played.outcome != "completed":
             raise DriveFaultError(played.outcome)
         reported = 0
-        while not _is_closed(client):
+        while not client.is_recorded:
             reported = yield from _new_reports(client, reported)
-            client.spin_until(
-                lambda seen=reported: len(client.performances) > seen or _is_closed(client),
-                "the evaluator and the recorder to finish the run",
-                FINISH_TIMEOUT,
-            )
+            client.await_performance(reported, FINISH_TIMEOUT)
             client.check_faults()
         yield from _new_reports(client, reported)
         if client.recordings[-1].state == RecordingState.STATE_FAILED:
@@ -159,7 +155,7 @@ class RosBench:
         consumed = -1
         while not played.is_done:
             client.spin_until(
-                lambda seen=consumed: played.is_done or played.consumed > seen,
+                partial(played.has_passed, consumed),
                 f"the plant to consume more than {consumed} samples",
                 STALL_TIMEOUT,
             )
@@ -173,7 +169,7 @@ class RosBench:
         try:
             played.cancel()
             client.spin_until(
-                lambda: played.is_done and _is_closed(client),
+                lambda: played.is_done and client.is_recorded,
                 "the stopped run to end",
                 STOP_TIMEOUT,
             )
@@ -188,11 +184,6 @@ class RosBench:
                 recover(plan.bag_path)
             except ImotorError:
                 return  # nothing was recorded yet
-
-
-def _is_closed(client: StandClient) -> bool:
-    ends = (RecordingState.STATE_CLOSED, RecordingState.STATE_FAILED)
-    return bool(client.recordings) and client.recordings[-1].state in ends
 
 
 def _new_reports(client: StandClient, reported: int) -> Generator[RunEvent, None, int]:

@@ -48,9 +48,7 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
-        super().__init__(
-            "signal_generator", SignalGeneratorParameters, context=context, **options
-        )
+        super().__init__("signal_generator", SignalGeneratorParameters, context=context, **options)
         self._role: GeneratorRole | None = None
         self._finished: Future | None = None
         self._goal: ServerGoalHandle | None = None
@@ -126,7 +124,8 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         return ""
 
     def _announce(self) -> None:
-        assert self._role is not None and self._program_publisher is not None
+        assert self._role is not None
+        assert self._program_publisher is not None
         self._program_publisher.publish(program_to_message(self.types, self._role.program))
 
     def _pump(self) -> None:

@@ -52,6 +52,9 @@ _TARGETS = {
     CLEAN_UP: State.PRIMARY_STATE_UNCONFIGURED,
 }
 
+_FAULT_TIMEOUT = 2.0
+"""Longest wait (s) for the reason of a failed transition."""
+
 _RETRY_INTERVAL = 3.0
 """Time (s) after which a request without answer is sent again."""
 
@@ -227,7 +230,7 @@ class StandClient:
         refused = [node for node, answer in answers.items() if not answer.success]
         # a node asked twice, because its answer was lost, refuses the second time
         for node in self._not_in_state(refused, _TARGETS[transition], timeout):
-            self._settle(lambda node=node: bool(self.fault_of(node)))
+            self._await_fault(node)
             raise RunError(f"{node} did not {what}: {self.fault_of(node) or 'no reason given'}")
 
     def _not_in_state(self, nodes: list[str], state: int, timeout: float) -> list[str]:
@@ -259,10 +262,33 @@ class StandClient:
                 self.spin(0.02)
         return {n: next(f for f in sent if f.done()).result() for n, sent in futures.items()}
 
-    def _settle(self, condition: Callable[[], bool], timeout: float = 2.0) -> None:
-        deadline = time.monotonic() + timeout
-        while not condition() and time.monotonic() < deadline:
+    def _await_fault(self, node: str) -> None:
+        """Give a node's diagnostics a moment to come."""
+        deadline = time.monotonic() + _FAULT_TIMEOUT
+        while not self.fault_of(node) and time.monotonic() < deadline:
             self.spin(0.02)
+
+    def await_performance(self, count: int, timeout: float) -> None:
+        """
+        Wait until the evaluator has reported more than `count` times, or the bag is closed.
+
+        Raises
+        ------
+        DeadlineError
+            If neither happens in time.
+
+        """
+        self.spin_until(
+            lambda: len(self.performances) > count or self.is_recorded,
+            "the evaluator and the recorder to finish the run",
+            timeout,
+        )
+
+    @property
+    def is_recorded(self) -> bool:
+        """Whether the recorder has closed the bag of the run, or failed to."""
+        ends = (RecordingState.STATE_CLOSED, RecordingState.STATE_FAILED)
+        return bool(self.recordings) and self.recordings[-1].state in ends
 
     # ---- the run -------------------------------------------------------------------------
 
@@ -303,6 +329,10 @@ class PlayedProgram:
         self.outcome = ""
         self.is_done = False
         self._handle: Any = None
+
+    def has_passed(self, consumed: int) -> bool:
+        """Whether more samples than these are consumed, or the program has ended."""
+        return self.is_done or self.consumed > consumed
 
     def follow(self, handle: Any) -> None:
         """Take the goal's handle, and ask for its result."""

@@ -96,7 +96,12 @@ class StandNode(LifecycleNode, Generic[P]):
     """
 
     def __init__(
-        self, role: str, parameters_class: type[P], *, context: Context | None = None, **options: Any
+        self,
+        role: str,
+        parameters_class: type[P],
+        *,
+        context: Context | None = None,
+        **options: Any,
     ) -> None:
         options.setdefault("namespace", DEFAULT_NAMESPACE)
         super().__init__(role, context=context, **options)
@@ -231,7 +236,7 @@ class StandNode(LifecycleNode, Generic[P]):
 
     # ---- lifecycle -----------------------------------------------------------------------
 
-    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_configure(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Run `configure`; the endpoints of a failed attempt are taken down again."""
         self.fault = ""
         done = self._attempt("configure", self.configure)
@@ -239,7 +244,7 @@ class StandNode(LifecycleNode, Generic[P]):
             self._destroy_endpoints()
         return done
 
-    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_activate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Wait for the peers, then run `activate`."""
         self.fault = ""
 
@@ -251,7 +256,7 @@ class StandNode(LifecycleNode, Generic[P]):
 
         return self._attempt("activate", start)
 
-    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_deactivate(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Run `deactivate`; what was sent goes on its way as long as the endpoints live."""
 
         def stop() -> None:
@@ -261,7 +266,7 @@ class StandNode(LifecycleNode, Generic[P]):
 
         return self._attempt("deactivate", stop)
 
-    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_cleanup(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """See that what was sent is received, run `cleanup` and take the endpoints down."""
 
         def clean() -> None:
@@ -271,11 +276,11 @@ class StandNode(LifecycleNode, Generic[P]):
 
         return self._attempt("clean up", clean)
 
-    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Bring open work to its end."""
         return self._attempt("shut down", self.finish)
 
-    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+    def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Go back to unconfigured after an error."""
         self._destroy_endpoints()
         return TransitionCallbackReturn.SUCCESS
@@ -401,7 +406,7 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     try:
         node = factory(context=context)
     except ImotorError as error:
-        print(f"error: {error}", file=sys.stderr, flush=True)
+        sys.stderr.write(f"error: {error}\n")
         context.try_shutdown()
         return 2 if isinstance(error, BadInputError) else 1
     executor = SingleThreadedExecutor(context=context)

@@ -57,8 +57,6 @@ def is_alive(pid: int) -> bool:
         return False
 
 
-
-
 def test_run_over_topics_equals_run_in_process(tmp_path: Path, make_plan: Plans) -> None:
     """Samples, log times and indicators are the same to the last bit, live, offline, replayed."""
     sim_plan = make_plan("sim", SHORT)
@@ -94,14 +92,13 @@ def test_killed_node_ends_run(victim: str, tmp_path: Path, make_plan: Plans) -> 
     """Whichever node dies, the run ends with its name, and the bag can be read."""
     plan = make_plan("run", LONG)
     with RosBench(tmp_path / "logs") as bench:
-        pids: list[int] = []
-        killed_at = 0.0
+        events = bench.run(plan)
+        next(e for e in events if isinstance(e, DriveAdvanced) and e.consumed > 200_000)
+        pids = [process.pid for process in bench.processes.values()]
+        killed_at = time.monotonic()
+        os.kill(bench.processes[victim].pid, signal.SIGKILL)
         with pytest.raises(NodeDiedError) as caught:
-            for event in bench.run(plan):
-                if isinstance(event, DriveAdvanced) and event.consumed > 200_000 and not pids:
-                    pids = [process.pid for process in bench.processes.values()]
-                    killed_at = time.monotonic()
-                    os.kill(bench.processes[victim].pid, signal.SIGKILL)
+            list(events)
         assert time.monotonic() - killed_at < KILL_DEADLINE
         assert caught.value.node == victim
         assert "SIGKILL" in str(caught.value)
