@@ -250,9 +250,10 @@ def _stop_event(
             time = first_crossing(test, 0, order, wanted, length, work)
             if time < best:
                 best = time
-                after = side * (TRAILING if stop == side * PUSHING else PUSHING)
-    if after != stop and stop == side * PUSHING and p[DAMPING] == 0.0:
-        after = AWAY
+                after = side * PUSHING
+                if stop == side * PUSHING:
+                    # Without damping the force is gone at the surface itself.
+                    after = side * TRAILING if p[DAMPING] > 0.0 else AWAY
     return best, after
 
 

@@ -72,6 +72,7 @@ def _polish(
     c: Array, first: int, degree: int, low: float, high: float, sign_low: float, t: float
 ) -> float:
     """Halley's method inside a bracket that holds exactly one root; halving where it strays."""
+    enough = 1e-16 * high
     for _ in range(100):
         value, rate, bend = c[degree], 0.0, 0.0
         for i in range(degree - 1, first - 1, -1):
@@ -91,7 +92,7 @@ def _polish(
             following = 0.5 * (low + high)
             if not (low < following < high):
                 return t
-        elif abs(following - t) <= 1e-15 * high:
+        elif abs(following - t) <= enough + 1e-15 * t:
             return float(following)
         t = following
     return t
@@ -158,7 +159,7 @@ def first_root(c: Array, first: int, degree: int, length: float, work: Array) ->
                 changes = 2
             else:
                 k = 1
-                while b[k] * b[0] > 0.0:
+                while (b[k] > 0.0) == (b[0] > 0.0):
                     k += 1
                 # Where the control polygon crosses zero is close to the root.
                 start = (k - b[k] / (b[k] - b[k - 1])) / n

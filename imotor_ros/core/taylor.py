@@ -292,6 +292,11 @@ class _Steps:
         self._turns = steps[:, 0] + steps[:, 1] / motion.period
 
     @property
+    def step_times(self) -> Array:
+        """Times (s) at which the steps begin; the motion is analytic between them."""
+        return np.asarray(self._turns * self._motion.period)
+
+    @property
     def event_times(self) -> Array:
         """Times (s) at which stretches of sticking or sliding begin."""
         mode = self._steps[:, 2]
