@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import struct
 from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
@@ -122,13 +123,35 @@ class BagTypes:
 
     def serialize(self, message: Any) -> bytes:
         """
-        Return the message as CDR, little-endian, with its encapsulation header.
+        Return the message as CDR: little-endian, with its encapsulation header, gaps zero.
 
-        Filled up with zeros to a multiple of four bytes, as Fast DDS does: the same content has
-        the same bytes, whoever serialised it.
+        Raises
+        ------
+        BadInputError
+            If a field cannot hold its value.
+
         """
-        data = bytes(self.store.serialize_cdr(message, message.__msgtype__, little_endian=True))
-        return data + bytes(-len(data) % 4)
+        name = message.__msgtype__
+        try:
+            return bytes(self.store.serialize_cdr(message, name, little_endian=True))
+        except (SerdeError, struct.error) as error:
+            raise BadInputError(f"cannot be serialised ({error})", where=name) from error
+
+    def canonical(self, data: bytes | memoryview, type_name: str) -> bytes:
+        """
+        Return the bytes of `serialize` for the content of `data`, whoever serialised it.
+
+        Fast CDR leaves whatever was in memory in the gaps before aligned fields, and the
+        middleware may fill messages up to a multiple of four bytes: the bytes that a
+        subscription gets differ from run to run where their content does not.
+
+        Raises
+        ------
+        BadInputError
+            If there is no such type, or the data are not a message of it.
+
+        """
+        return self.serialize(self.deserialize(data, type_name))
 
     def deserialize(self, data: bytes | memoryview, type_name: str) -> Any:
         """

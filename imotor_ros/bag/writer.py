@@ -17,16 +17,8 @@ from imotor_ros.bag.storage import RunBagWriter, sync
 from imotor_ros.bag.types import BagTypes, installed_types
 from imotor_ros.contracts.blocks import StreamLedger
 from imotor_ros.contracts.messages import block_from_message
-from imotor_ros.contracts.topics import (
-    ALL_TOPICS,
-    DEFAULT_NAMESPACE,
-    DRIVE_VOLTAGE,
-    Topic,
-    is_sampled,
-)
+from imotor_ros.contracts.topics import ALL_TOPICS, DEFAULT_NAMESPACE, Topic, is_sampled
 from imotor_ros.errors import BadInputError, RecordingError, SamplesLostError
-
-_BLOCK = DRIVE_VOLTAGE.type_name
 
 COMMIT_INTERVAL = 1.0
 """Longest time that a message waits for its chunk to be written (s)."""
@@ -94,7 +86,7 @@ class RunWriter:
         self.types = types or installed_types()
         self.failure: RecordingError | None = None
         self.ledgers = {t.name: StreamLedger(t.name) for t in topics if is_sampled(t)}
-        self.rejected = dict.fromkeys(self.ledgers, 0)
+        self.rejected = dict.fromkeys((topic.name for topic in topics), 0)
         self._committed = self._copied_ledgers()
         self._facts = RunFacts(run_id, run_info, provenance or {}, is_simulated)
         marker = json.dumps(self._facts.to_texts())
@@ -137,8 +129,9 @@ class RunWriter:
         """
         Write a message.
 
-        Missing samples are counted, not refused. A block that does not decode, or belongs to
-        another run or another sample rate, is counted as rejected and not written.
+        Missing samples are counted, not refused. A message that does not decode, or belongs to
+        another run or another sample rate, is counted as rejected and not written. What is
+        written has the canonical bytes, see `BagTypes.canonical`.
 
         Parameters
         ----------
@@ -158,11 +151,17 @@ class RunWriter:
 
         """
         self._check(topic, time)
-        if topic in self.ledgers and not self._count(topic, data):
+        connection = self._connections[topic]
+        try:
+            message = self.types.deserialize(data, connection.msgtype)
+            self._count(topic, message)
+            content = self.types.serialize(message)
+        except BadInputError:
+            self.rejected[topic] += 1
             return
         self._last_time = time
         with self._recording():
-            self._writer.write(self._connections[topic], time, data)
+            self._writer.write(connection, time, content)
         if not self._writer.run_storage.has_pending:
             self._note_commit()
         self.commit_if_due()
@@ -179,19 +178,14 @@ class RunWriter:
                 "does not increase", where=f"{topic}: time", value=time, bound=bound
             )
 
-    def _count(self, topic: str, data: bytes) -> bool:
-        """Count a block; return whether it belongs into the bag."""
-        try:
-            block = block_from_message(self.types.deserialize(data, _BLOCK))
-            if block.run_id != self.run_id:
-                raise BadInputError("is of another run", where=topic, value=block.run_id)
-            self.ledgers[topic].accept(block)
-        except SamplesLostError:
-            return True
-        except BadInputError:
-            self.rejected[topic] += 1
-            return False
-        return True
+    def _count(self, topic: str, message: Any) -> None:
+        """Count a message; raise BadInputError if it does not belong into the bag."""
+        run_id = getattr(message, "run_id", self.run_id)
+        if run_id != self.run_id:
+            raise BadInputError("is of another run", where=topic, value=run_id)
+        if topic in self.ledgers:
+            with suppress(SamplesLostError):
+                self.ledgers[topic].accept(block_from_message(message))
 
     def commit(self) -> None:
         """

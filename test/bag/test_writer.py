@@ -120,6 +120,19 @@ def test_blocks_of_another_run_and_bad_bytes_are_rejected(make_writer, stand_run
         assert bag.message_counts["load/force"] == 1
 
 
+def test_gaps_between_fields_are_zero_in_the_bag(make_writer, stand_run, tmp_path):
+    run = stand_run(run_id="run-1")
+    message = next(run.stream("rod/velocity"))
+    place = message.data.index(b"run-1\0") + 6  # before the sequence number, aligned to 8 bytes
+    assert message.data[place : place + 2] == b"\0\0"
+    noisy = message.data[:place] + b"\xab\xcd" + message.data[place + 2 :] + b"\0\0"
+    writer = make_writer()
+    writer.write(message.topic, noisy, EPOCH)
+    writer.close("completed")
+    with RunBag(tmp_path / "bag") as bag:
+        assert [m.data for m in bag.messages()] == [message.data]
+
+
 def test_metadata_hold_facts_and_their_digest(make_writer, tmp_path):
     info = {"seed": 7, "gain": np.float64(0.5), "bounds": (1, 2), "unknown": float("nan")}
     writer = RunWriter(tmp_path / "b2", run_id="12:30:00", run_info=info, provenance={"host": "x"})
