@@ -165,22 +165,23 @@ def _decay_over(decay: float, gone: Array) -> tuple[Array, Array]:
 def _sliding_table(
     alpha: Spectrum, response: Spectrum, decay: float, level: float, sign: int, nodes: Array
 ) -> SlidingTable:
-    knots, sides = level_phases(alpha, level, nodes)
+    # Mirrored for s = -1, so that a level just reached counts as not exceeded either way.
+    knots, sides = level_phases(sign * alpha, sign * level, nodes)
     h = trigonometric_value(response, knots)
     keep, first = _decay_over(decay, np.diff(knots))
     add = h[1:] - h[:-1] * keep - level * first
     both = np.stack([h, trigonometric_value(integrated(response), knots)], axis=1)
-    return SlidingTable(knots, sides == sign, keep, add, both)
+    return SlidingTable(knots, sides > 0, keep, add, both)
 
 
 def _regions(alpha: Spectrum, edges: tuple[float, float], nodes: Array) -> tuple[Array, Integers]:
     """Merge the phases of break-away in both directions."""
     above, above_sides = level_phases(alpha, edges[0], nodes)
-    below, below_sides = level_phases(alpha, edges[1], nodes)
+    below, below_sides = level_phases(-alpha, -edges[1], nodes)
     phases = np.union1d(above, below)
     middle = 0.5 * (phases[1:] + phases[:-1])
     forward = above_sides[np.searchsorted(above, middle, side="right") - 1] > 0
-    backward = below_sides[np.searchsorted(below, middle, side="right") - 1] < 0
+    backward = below_sides[np.searchsorted(below, middle, side="right") - 1] > 0
     return phases, np.where(forward, 1, np.where(backward, -1, 0)).astype(np.int64)
 
 
