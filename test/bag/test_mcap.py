@@ -14,7 +14,7 @@ decoder = pytest.importorskip("mcap_ros2.decoder", reason="needs the package mca
 @pytest.mark.parametrize("is_compressed", [True, False])
 @pytest.mark.parametrize("kind", ["SeekingReader", "NonSeekingReader"])
 def test_official_reader_decodes_every_message(stand_run, tmp_path, kind, is_compressed):
-    run = stand_run(blocks=30, size=2000)
+    run = stand_run(blocks=8, size=2000)
     run.write(tmp_path / "bag", is_compressed=is_compressed)
     found = {topic.name: 0 for topic in topics.ALL_TOPICS}
     samples = []
