@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
+from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
+Spectrum = NDArray[np.complex128]
 
 
-def trigonometric_value(coefficients: NDArray[np.complex128], theta: Array) -> Array:
-    """Return Re sum of c_k exp(i k theta), k = 1 ... n, at the phases (rad)."""
-    k = np.arange(1, coefficients.size + 1)
-    return np.asarray((np.exp(1j * np.multiply.outer(theta, k)) @ coefficients).real)
+def trigonometric_value(coefficients: Spectrum, theta: ArrayLike) -> Array:
+    """Return Re sum of c_k exp(i k theta), k = 1 ... n, at the phases (rad), shape as `theta`."""
+    phases = np.asarray(theta, dtype=np.float64)
+    return np.asarray(_values(coefficients, phases.ravel()).reshape(phases.shape))
 
 
-def monotone_nodes(coefficients: NDArray[np.complex128]) -> Array:
+def monotone_nodes(coefficients: Spectrum) -> Array:
     """
     Return phases in [0, 2 pi] between which a trigonometric polynomial is monotone.
 
@@ -40,7 +44,7 @@ def monotone_nodes(coefficients: NDArray[np.complex128]) -> Array:
 
 
 def level_phases(
-    coefficients: NDArray[np.complex128], level: float, nodes: Array
+    coefficients: Spectrum, level: float, nodes: Array
 ) -> tuple[Array, NDArray[np.int64]]:
     """
     Return where a trigonometric polynomial crosses a level, and on which side it is in between.
@@ -72,26 +76,52 @@ def level_phases(
     return phases[is_change], sides[is_change[:-1]].astype(np.int64)
 
 
-def _roots(coefficients: NDArray[np.complex128], level: float, nodes: Array) -> Array:
+@njit(cache=True, error_model="numpy")
+def _value_and_slope(coefficients: Spectrum, theta: float) -> tuple[float, float]:
+    """Return the polynomial and its derivative at one phase."""
+    turn = complex(math.cos(theta), math.sin(theta))
+    power, value, slope = turn, 0.0, 0.0
+    for i in range(coefficients.size):
+        term = coefficients[i] * power
+        value += term.real
+        slope -= (i + 1) * term.imag
+        power *= turn
+    return value, slope
+
+
+@njit(cache=True, error_model="numpy")
+def _values(coefficients: Spectrum, theta: Array) -> Array:
+    values = np.empty(theta.size)
+    for i in range(theta.size):
+        values[i] = _value_and_slope(coefficients, theta[i])[0]
+    return values
+
+
+@njit(cache=True, error_model="numpy")
+def _roots(coefficients: Spectrum, level: float, nodes: Array) -> Array:
     """Return one root in each interval between nodes at whose ends p has different signs."""
-    values = trigonometric_value(coefficients, nodes) - level
-    index = np.flatnonzero((values[1:] > 0.0) != (values[:-1] > 0.0))
-    low, high = nodes[index], nodes[index + 1]
-    sign_low = np.where(values[index] > 0.0, 1.0, -1.0)
-    rates = coefficients * 1j * np.arange(1, coefficients.size + 1)
-    theta = 0.5 * (low + high)
-    for _ in range(80):
-        if not theta.size:
-            break
-        value = trigonometric_value(coefficients, theta) - level
-        on_low_side = np.where(value > 0.0, 1.0, -1.0) == sign_low
-        low, high = np.where(on_low_side, theta, low), np.where(on_low_side, high, theta)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            newton = theta - value / trigonometric_value(rates, theta)
-        is_inside = (newton >= low) & (newton <= high)
-        following = np.where(is_inside, newton, 0.5 * (low + high))
-        has_settled = np.abs(following - theta) <= 4e-16 * np.maximum(theta, 1.0)
-        theta = following
-        if has_settled.all():
-            break
-    return theta
+    roots, count = np.empty(nodes.size), 0
+    after = _value_and_slope(coefficients, nodes[0])[0] > level
+    for i in range(nodes.size - 1):
+        before = after
+        after = _value_and_slope(coefficients, nodes[i + 1])[0] > level
+        if before == after:
+            continue
+        low, high = nodes[i], nodes[i + 1]
+        theta = 0.5 * (low + high)
+        for _ in range(100):
+            value, slope = _value_and_slope(coefficients, theta)
+            if (value > level) == before:
+                low = theta
+            else:
+                high = theta
+            following = theta - (value - level) / slope
+            if not (low <= following <= high):
+                following = 0.5 * (low + high)
+            has_settled = abs(following - theta) <= 2e-16 * max(theta, 1.0)
+            theta = following
+            if has_settled:
+                break
+        roots[count] = theta
+        count += 1
+    return roots[:count]
