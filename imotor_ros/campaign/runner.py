@@ -184,6 +184,8 @@ def _run_point(
             yield event
         if performance is None:
             raise RunError("the run ended without final indicators")
+    except BadInputError:  # what concerns the bench concerns all points
+        raise
     except ImotorError as caught:
         error = str(caught)
     return PointResult(

@@ -26,6 +26,7 @@ from imotor_ros.campaign.runner import (
 from imotor_ros.cli.main import main as run_verb
 from imotor_ros.cli.output import performance_table, print_json
 from imotor_ros.cli.progress import CampaignProgress
+from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.errors import BadInputError, ImotorError
 
 
@@ -42,6 +43,9 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--output", type=Path, metavar="DIR", help="folder for bags and results, by default new"
+    )
+    parser.add_argument(
+        "--namespace", default=DEFAULT_NAMESPACE, help="of the nodes, for stands side by side"
     )
     parser.add_argument(
         "--resume", action="store_true", help="leave out points that DIR has results of"
@@ -80,15 +84,15 @@ def output_folder(campaign: Campaign, options: argparse.Namespace) -> Path:
     return output
 
 
-def make_bench(kind: str, output: Path) -> Bench:
-    """Return a bench of the kind "ros" or "sim"."""
+def make_bench(kind: str, output: Path, namespace: str = DEFAULT_NAMESPACE) -> Bench:
+    """Return a bench of the kind "ros", with nodes in a namespace, or "sim"."""
     if kind == "sim":
         from imotor_ros.campaign.sim_bench import SimBench
 
         return SimBench()
     from imotor_ros.nodes.ros_bench import RosBench
 
-    return RosBench(output / "logs")
+    return RosBench(output / "logs", namespace=namespace)
 
 
 def carry_out(
@@ -96,7 +100,10 @@ def carry_out(
 ) -> tuple[PointResult, ...]:
     """Carry out a campaign, showing progress, and return the results of its points."""
     results: tuple[PointResult, ...] = ()
-    with make_bench(options.bench, output) as bench, CampaignProgress() as progress:
+    with (
+        make_bench(options.bench, output, options.namespace) as bench,
+        CampaignProgress() as progress,
+    ):
         events = run_campaign(campaign, bench, output, resume=options.resume, provenance=provenance)
         try:
             for event in events:

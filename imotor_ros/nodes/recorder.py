@@ -147,6 +147,7 @@ class RecorderNode(StandNode[RecorderParameters]):
             namespace=self.get_namespace(),
             is_simulated=settings.is_simulated,
         )
+        self.get_logger().info(f"recording run {program.run_id} to {path}")
         self._publish_state(self._state_code("RECORDING"))
         early, self._early = self._early, deque()
         for topic, earlier, received in early:

@@ -28,7 +28,7 @@ from imotor_ros.contracts.messages import program_to_message, run_info_to_messag
 from imotor_ros.contracts.topics import DIAGNOSTICS, PERFORMANCE, RECORDING, RUN_INFO
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.parameters import Parameters
-from imotor_ros.errors import DeadlineError, RunError
+from imotor_ros.errors import BadInputError, DeadlineError, RunError
 from imotor_ros.nodes.message_types import RclpyTypes
 from imotor_ros.nodes.parameters import parameter_values
 from imotor_ros.nodes.qos import qos_profile
@@ -51,6 +51,9 @@ _TARGETS = {
     DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
     CLEAN_UP: State.PRIMARY_STATE_UNCONFIGURED,
 }
+
+_DISCOVERY_TIME = 0.6
+"""Time (s) in which nodes on this host find each other, with some to spare."""
 
 _FAULT_TIMEOUT = 2.0
 """Longest wait (s) for the reason of a failed transition."""
@@ -126,6 +129,33 @@ class StandClient:
                 text = awaited if isinstance(awaited, str) else awaited()
                 raise DeadlineError(text, timeout)
             self.spin(0.02)
+
+    def refuse_occupied_namespace(self) -> None:
+        """
+        Check that no other stand is in the namespace: its nodes would mix with ours.
+
+        Raises
+        ------
+        BadInputError
+            If there are nodes in it already.
+
+        """
+        deadline = time.monotonic() + _DISCOVERY_TIME
+        while time.monotonic() < deadline:
+            self._executor.spin_once(timeout_sec=0.05)
+            found = self.node.get_node_names_and_namespaces()
+            others = {name for name, space in found if space.rstrip("/") == self._namespace}
+            if others - {self.node.get_name()} or self._has_twin(found):
+                raise BadInputError(
+                    "is taken by a stand that is running",
+                    where=f"namespace {self._namespace}",
+                    value=", ".join(sorted(others)),
+                    bound="another --namespace, or another ROS_DOMAIN_ID",
+                )
+
+    def _has_twin(self, found: list[tuple[str, str]]) -> bool:
+        own = (self.node.get_name(), self.node.get_namespace())
+        return found.count(own) > 1
 
     # ---- nodes ---------------------------------------------------------------------------
 

@@ -37,6 +37,11 @@ class StandProcesses:
     namespace : str
         Namespace of the stand.
 
+    Raises
+    ------
+    BadInputError
+        If an executable is not installed, or another stand runs in the namespace.
+
     """
 
     def __init__(self, roles: tuple[Role, ...], log_directory: Path, namespace: str) -> None:
@@ -44,13 +49,21 @@ class StandProcesses:
         self.namespace = namespace
         self.processes: dict[str, NodeProcess] = {}
         paths = {role.executable: find_executable(role.executable) for role in roles}
-        for role in roles:
-            log = log_directory / f"{role.name}.log"
-            self.processes[role.name] = NodeProcess(
-                paths[role.executable], role.name, namespace, log, role.remappings
-            )
         self._are_configured = False
         self.client = StandClient(namespace, self.check)
+        try:
+            self.client.refuse_occupied_namespace()
+            self._start(paths, log_directory)
+        except BaseException:
+            self.stop()
+            raise
+
+    def _start(self, paths: Mapping[str, Path], log_directory: Path) -> None:
+        for role in self.roles:
+            log = log_directory / f"{role.name}.log"
+            self.processes[role.name] = NodeProcess(
+                paths[role.executable], role.name, self.namespace, log, role.remappings
+            )
 
     @property
     def names(self) -> list[str]:

@@ -40,6 +40,12 @@ def domain(monkeypatch: pytest.MonkeyPatch) -> Iterator[int]:
 
 
 @pytest.fixture
+def namespace(domain: int) -> str:
+    """Return a namespace that nobody has, should somebody else be in the domain."""
+    return f"/test_{os.getpid()}_{domain}"
+
+
+@pytest.fixture
 def make_plan(tmp_path: Path) -> Callable[..., RunPlan]:
     """Return a function that plans a run of so many seconds in a folder below tmp_path."""
 

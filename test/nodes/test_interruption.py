@@ -27,10 +27,11 @@ MOMENT_DEADLINE = 90.0
 """Longest wait (s) for the moment to come."""
 
 
-def start(folder: Path) -> subprocess.Popen[str]:
+def start(folder: Path, namespace: str) -> subprocess.Popen[str]:
     """Start a long campaign on the ROS graph."""
     (folder / "long.yaml").write_text(CAMPAIGN)
     command = [sys.executable, "-m", "imotor_ros.cli", "run", "long.yaml", "--output", "out"]
+    command += ["--namespace", namespace]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     return subprocess.Popen(
         command, cwd=folder, env=environment, text=True,
@@ -75,9 +76,11 @@ def moments(folder: Path, domain: int) -> dict[str, Callable[[], bool]]:
 @pytest.mark.parametrize(
     "moment", ["first node starts", "all nodes run", "bag is opened", "drive is under way"]
 )
-def test_interrupt_leaves_nothing_running(moment: str, tmp_path: Path, domain: int) -> None:
+def test_interrupt_leaves_nothing_running(
+    moment: str, tmp_path: Path, domain: int, namespace: str
+) -> None:
     """The command ends with 130 and says how to go on; the bag, if any, is whole."""
-    command = start(tmp_path)
+    command = start(tmp_path, namespace)
     try:
         wait_for(moments(tmp_path, domain)[moment], moment, MOMENT_DEADLINE)
         command.send_signal(signal.SIGINT)
@@ -101,12 +104,34 @@ def test_interrupt_leaves_nothing_running(moment: str, tmp_path: Path, domain: i
             assert re.match("cancelled|aborted|recovered", bag.end_state)
 
 
-def test_killed_orchestrator_takes_its_nodes_along(tmp_path: Path, domain: int) -> None:
+def test_killed_orchestrator_takes_its_nodes_along(
+    tmp_path: Path, domain: int, namespace: str
+) -> None:
     """No node stays behind when the one that started it is killed."""
-    command = start(tmp_path)
+    command = start(tmp_path, namespace)
     try:
         wait_for(lambda: len(nodes_of(domain)) == 7, "seven nodes", MOMENT_DEADLINE)
     finally:
         command.kill()
         command.communicate(timeout=10.0)
     wait_for(lambda: not nodes_of(domain), "the nodes to be gone", 20.0)
+
+
+def test_second_stand_in_the_namespace_is_refused(
+    tmp_path: Path, domain: int, namespace: str
+) -> None:
+    """A second start beside a running one says so, and leaves the first alone."""
+    command = start(tmp_path, namespace)
+    second = tmp_path / "second"
+    second.mkdir()
+    try:
+        wait_for(lambda: len(nodes_of(domain)) == 7, "seven nodes", MOMENT_DEADLINE)
+        other = start(second, namespace)
+        _, errors = other.communicate(timeout=MOMENT_DEADLINE)
+        assert other.returncode == 2, errors
+        assert f"namespace {namespace}: is taken" in errors
+        assert len(nodes_of(domain)) == 7
+        assert command.poll() is None
+    finally:
+        command.send_signal(signal.SIGINT)
+        command.communicate(timeout=END_DEADLINE)

@@ -57,12 +57,14 @@ def is_alive(pid: int) -> bool:
         return False
 
 
-def test_run_over_topics_equals_run_in_process(tmp_path: Path, make_plan: Plans) -> None:
+def test_run_over_topics_equals_run_in_process(
+    tmp_path: Path, make_plan: Plans, namespace: str
+) -> None:
     """Samples, log times and indicators are the same to the last bit, live, offline, replayed."""
     sim_plan = make_plan("sim", SHORT)
     ros_plan = make_plan("ros", SHORT)
     sim = carry_out(SimBench(), sim_plan)
-    with RosBench(tmp_path / "logs") as bench:
+    with RosBench(tmp_path / "logs", namespace=namespace) as bench:
         first = carry_out(bench, ros_plan)
         ros_messages = messages(ros_plan.bag_path)
         assert carry_out(bench, ros_plan) == first, "a second run on the same nodes"
@@ -77,7 +79,7 @@ def test_run_over_topics_equals_run_in_process(tmp_path: Path, make_plan: Plans)
     assert all(one.is_available for one in final.indicators), final.indicators
     assert all(stream.lost == 0 for stream in final.streams)
     assert _texts([evaluate_bag(ros_plan.bag_path)]) == _texts([final])
-    events = replay(ros_plan.bag_path, tmp_path / "replay")
+    events = replay(ros_plan.bag_path, tmp_path / "replay", namespace)
     replayed = [e.performance for e in events if isinstance(e, PerformanceReported)]
     assert _texts(replayed) == _texts(first)
 
@@ -88,10 +90,12 @@ def _texts(performances: list[Performance]) -> list[str]:
 
 
 @pytest.mark.parametrize("victim", [role.name for role in graph.VIRTUAL_STAND])
-def test_killed_node_ends_run(victim: str, tmp_path: Path, make_plan: Plans) -> None:
+def test_killed_node_ends_run(
+    victim: str, tmp_path: Path, make_plan: Plans, namespace: str
+) -> None:
     """Whichever node dies, the run ends with its name, and the bag can be read."""
     plan = make_plan("run", LONG)
-    with RosBench(tmp_path / "logs") as bench:
+    with RosBench(tmp_path / "logs", namespace=namespace) as bench:
         events = bench.run(plan)
         next(e for e in events if isinstance(e, DriveAdvanced) and e.consumed > 200_000)
         pids = [process.pid for process in bench.processes.values()]
