@@ -229,7 +229,7 @@ class Scipy:
             events.terminal = True
             found = self.solve_ivp(
                 slide, (t, target), (x, v), method="DOP853", rtol=1e-12, atol=1e-15, events=events,
-                max_step=motion.period / (16 * motion.harmonics),
+                max_step=motion.period / 128,  # longer steps miss pairs of events
             )  # fmt: skip
             t, (x, v) = float(found.t[-1]), found.y[:, -1]
             if found.status == 1:

@@ -95,13 +95,14 @@ def _zero(
             low = theta
         else:
             high = theta
-        below = rate - 0.5 * w * bend / rate
-        step = -w / below
+        # Newton's step and Halley's share of it; near an extreme of w both would creep: halve.
+        newton, share = -w / rate, 0.5 * w * bend / (rate * rate)
+        step = newton / (1.0 - share) if abs(share) < 0.5 else math.inf
         if not (low <= theta + step <= high):
             step = 0.5 * (low + high) - theta
             if step == 0.0 or high - low <= 1e-15 * high:
                 return theta, velocity, h, integral
-        elif abs(step) < 1e-6:
+        elif abs(step) < 1e-6 and abs(step) * share * share < 1e-17:
             # The rest of Halley's method is below rounding: go there by Taylor's series.
             h_rate = alpha - decay * h
             integral += step * (h + step * (0.5 * h_rate))

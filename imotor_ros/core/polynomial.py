@@ -85,9 +85,11 @@ def _polish(
             low = t
         else:
             high = t
-        # `bend` is half the second derivative.
-        below = rate - value * bend / rate
-        following = t - value / below
+        # `bend` is half the second derivative. Near an extreme the method would creep: halve.
+        share = value * bend
+        following = low
+        if abs(share) < 0.5 * rate * rate:
+            following = t - value * rate / (rate * rate - share)
         if not (low < following < high):
             following = 0.5 * (low + high)
             if not (low < following < high):

@@ -63,3 +63,11 @@ def test_no_root_is_no_root():
 def test_evaluation():
     c = np.array([1.0, -2.0, 0.5, 3.0])
     assert evaluate(c, 3, 0.7) == pytest.approx(1 - 1.4 + 0.245 + 3 * 0.343, rel=1e-15)
+
+
+@pytest.mark.parametrize("last", [1.0 + 1e-12, 1.0 + 1e-6, 1.2, 3.0])
+def test_extreme_is_not_taken_for_a_root(last):
+    # zero at the start but for rounding, highest in the middle, zero again near the end
+    assert first_root(np.array([1e-20, 1.0, -1.0]), 0, 2, last, WORK) == pytest.approx(
+        1.0, rel=1e-14
+    )
