@@ -23,6 +23,7 @@ VERBS = {
     "replay": "play a recorded run through the topics to the evaluator",
     "recover": "mend a bag whose recorder was killed",
     "info": "describe a recorded run",
+    "bench": "run a benchmark of bench/",
 }
 
 
