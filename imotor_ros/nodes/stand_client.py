@@ -101,6 +101,7 @@ class StandClient:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown(timeout_sec=1.0)
+        self._player.destroy()  # it would keep the node, and its name, in the graph
         self.node.destroy_node()
         self._context.try_shutdown()
 
