@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from imotor_ros.bag import layout
 from imotor_ros.bag.facts import RunFacts, StreamCounts, metadata_texts, stream_counts
 from imotor_ros.bag.records import McapFile, StoredMessage
+from imotor_ros.bag.storage import is_locked
 from imotor_ros.bag.types import BagTypes
 from imotor_ros.contracts.blocks import SampleBlock, StreamLedger
 from imotor_ros.contracts.messages import (
@@ -39,6 +41,7 @@ from imotor_ros.errors import BadInputError, SamplesLostError, UnreadableFileErr
 
 _BLOCK = DRIVE_VOLTAGE.type_name
 _PACKAGE = "imotor_msgs/"
+_FIRST_MESSAGES = 1000
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,8 @@ class RunBag:
         self._mcap = McapFile(self.file)
         try:
             if self._mcap.damage and not allow_damaged:
+                if is_locked(self.file):
+                    raise UnreadableFileError("is being recorded", where=str(self.file))
                 what = f"is damaged: {self._mcap.damage}"
                 raise UnreadableFileError(what, where=str(self.file), bound=_ADVICE)
             self.facts = self._read_facts()
@@ -354,21 +359,34 @@ class RunBag:
             break
         try:
             text = (self.file.parent / layout.UNFINISHED).read_text(encoding="utf-8")
-            return RunFacts.from_texts(json.loads(text), where)
-        except (OSError, ValueError):
+        except OSError:
             return self._facts_from_messages()
+        return RunFacts.from_texts(_json_object(text), where)
 
     def _facts_from_messages(self) -> RunFacts:
-        """Return what the run info, or the first message that names its run, tells."""
-        for topic, kind in self.topics.items():
-            for message in self.messages(topic) if kind.startswith(_PACKAGE) else ():
+        """Return what the run info tells, or any message of the run: one of the first."""
+        facts = None
+        for message in islice(self.messages(), _FIRST_MESSAGES):
+            if message.topic == RUN_INFO.name:
                 content = self.decode(message)
-                info = json.loads(content.json) if topic == RUN_INFO.name else {}
-                return RunFacts(content.run_id, info)
-        raise UnreadableFileError("holds nothing of a run", where=str(self.path))
+                return RunFacts(content.run_id, _json_object(content.json))
+            if facts is None and message.type_name.startswith(_PACKAGE):
+                facts = RunFacts(self.decode(message).run_id)
+        if facts is None:
+            raise UnreadableFileError("holds nothing of a run", where=str(self.path))
+        return facts
 
 
 _ADVICE = "a bag that was closed; `imotor recover` mends one that was not"
+
+
+def _json_object(text: str) -> dict[str, Any]:
+    """Return the JSON object in a text; an empty one if there is none."""
+    try:
+        content = json.loads(text)
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
 
 
 def _own_samples(block: SampleBlock) -> SampleBlock:

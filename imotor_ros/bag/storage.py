@@ -133,6 +133,18 @@ def lock(descriptor: int) -> bool:
     return True
 
 
+def is_locked(path: Path) -> bool:
+    """Return whether a file is being written."""
+    with path.open("rb") as stream:
+        try:
+            fcntl.flock(stream.fileno(), fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # a file system without locks
+            return False
+        return False
+
+
 def sync(path: Path) -> None:
     """Make a file or folder survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)

@@ -58,7 +58,7 @@ def whole(request, stand_run, tmp_path_factory):
 
 
 @pytest.mark.parametrize("compression", ["zstd", "plain"])
-@pytest.mark.parametrize("committed", ["open", "50", "150", "400", "written"])
+@pytest.mark.parametrize("committed", ["open", "150", "written"])
 def test_killed_recorder_loses_no_committed_message(tmp_path, stand_run, committed, compression):
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH')}"}
     process = subprocess.Popen(
@@ -104,7 +104,7 @@ def test_killed_recorder_loses_no_committed_message(tmp_path, stand_run, committ
 # ---- files cut off or spoilt in all places ---------------------------------------------------
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", range(6))
 def test_cut_file_gives_back_a_beginning_of_the_run(whole, tmp_path, seed):
     source, messages = whole
     full = next(source.glob("*.mcap")).stat().st_size
@@ -136,7 +136,7 @@ def test_more_of_the_file_never_gives_fewer_messages(whole, tmp_path):
     assert counts[-1] == len(messages)
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_garbage_tail_is_left_off(whole, tmp_path, seed):
     source, _ = whole
     rng = random.Random(seed)
@@ -268,6 +268,8 @@ def test_bag_being_recorded_is_refused(stand_run, tmp_path):
         writer.write(message.topic, message.data, message.time)
         with pytest.raises(BadInputError, match="is being recorded"):
             recover(tmp_path / "bag")
+        with pytest.raises(UnreadableFileError, match="is being recorded"):
+            RunBag(tmp_path / "bag")
     assert recover(tmp_path / "bag").was_whole
 
 
