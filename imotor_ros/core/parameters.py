@@ -306,7 +306,7 @@ def _nest_group(field: dataclasses.Field[Any], values: dict[str, Any], where: st
     if not group_info.key:
         return _nest(group_info.classes[""], values, where)
     chosen = values.pop(group_info.key, None) or _default_choice(field)
-    if chosen not in group_info.classes:
+    if not _is_offered(chosen, group_info):
         return {group_info.key: chosen, **values}
     own = {name for name, _, _ in all_leaves(group_info.classes[chosen])}
     others = {n for c in group_info.classes.values() for n, _, _ in all_leaves(c)} - own
@@ -317,6 +317,10 @@ def _nest_group(field: dataclasses.Field[Any], values: dict[str, Any], where: st
 def _default_choice(field: dataclasses.Field[Any]) -> str:
     classes: Mapping[str, type[Parameters]] = field.metadata[_KEY].classes
     return next(key for key, one in classes.items() if one is field.default_factory)
+
+
+def _is_offered(chosen: Any, info: _Group) -> bool:
+    return isinstance(chosen, str) and chosen in info.classes
 
 
 def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
@@ -330,7 +334,7 @@ def _read(field: dataclasses.Field[Any], value: Any, where: str) -> Any:
     if not isinstance(value, Mapping):
         raise BadInputError("is not a mapping", where=where, value=value)
     chosen = value.get(info.key, _default_choice(field))
-    if chosen not in info.classes:
+    if not _is_offered(chosen, info):
         raise BadInputError(
             "is not a choice",
             where=f"{where}.{info.key}",
