@@ -1,4 +1,4 @@
-"""Parameters: every way to be wrong is refused with its place; every way to be right round-trips."""
+"""Parameters: what is wrong is refused with its place, what is right makes the round trip."""
 
 from __future__ import annotations
 
@@ -129,7 +129,7 @@ def test_bad_mapping_is_refused_with_place_value_and_bound(
 
 @pytest.mark.parametrize("mapping", [None, 3, [1], "text"])
 def test_what_is_no_mapping_is_refused(mapping: Any) -> None:
-    with pytest.raises(BadInputError, match="m.yaml: is not a mapping"):
+    with pytest.raises(BadInputError, match=r"m\.yaml: is not a mapping"):
         Machine.from_mapping(mapping, "m.yaml")
 
 
