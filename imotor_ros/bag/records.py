@@ -11,14 +11,11 @@ from __future__ import annotations
 
 import os
 import struct
-import zlib
 from collections.abc import Collection, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from backports import zstd
-
+from imotor_ros.bag.chunks import DamageError, text_at, unpacked
 from imotor_ros.errors import UnreadableFileError
 
 MAGIC = b"\x89MCAP0\r\n"
@@ -27,13 +24,7 @@ _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _CHUNK = 0x02, 0x03, 0x04, 0x05, 0x06
 _CHUNK_INDEX, _STATISTICS, _METADATA_INDEX, _DATA_END = 0x08, 0x0B, 0x0D, 0x0F
 _FRAME = struct.Struct("<BQ")
 _MESSAGE_HEAD = struct.Struct("<HIQQ")
-_CHUNK_HEAD = struct.Struct("<QQQI")
 _FOOTER_SIZE = _FRAME.size + 20 + len(MAGIC)
-_PIECE = 1 << 16
-
-
-class DamageError(Exception):
-    """The content does not go on as it should; what came before is good."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +201,7 @@ class McapFile:
             raise DamageError(f"a record does not parse ({error})") from error
 
     def _in_chunk(self, content: bytes | memoryview, is_whole: bool) -> Iterator[StoredMessage]:
-        records = _unpacked(memoryview(content), is_whole)
+        records = unpacked(memoryview(content), is_whole)
         place = 0
         while place + _FRAME.size <= len(records):
             kind, length = _FRAME.unpack_from(records, place)
@@ -224,14 +215,14 @@ class McapFile:
 
     def _take_schema(self, content: memoryview) -> None:
         (number,) = struct.unpack_from("<H", content)
-        name, place = _text(content, 2)
-        encoding, place = _text(content, place)
-        definition, _ = _text(content, place)
+        name, place = text_at(content, 2)
+        encoding, place = text_at(content, place)
+        definition, _ = text_at(content, place)
         self._schemas[number] = (name, encoding, definition)
 
     def _take_channel(self, content: memoryview) -> None:
         number, schema = struct.unpack_from("<HH", content)
-        topic, _ = _text(content, 4)
+        topic, _ = text_at(content, 4)
         name, encoding, definition = self._schemas[schema]
         self.channels[number] = StoredChannel(topic, name, definition, encoding)
 
@@ -278,49 +269,10 @@ class McapFile:
                 pass
 
     def _take_metadata(self, content: memoryview) -> None:
-        name, place = _text(content, 0)
+        name, place = text_at(content, 0)
         place += 4
         while name == "rosbag2" and place < len(content):
-            key, place = _text(content, place)
-            value, place = _text(content, place)
+            key, place = text_at(content, place)
+            value, place = text_at(content, place)
             if key == "serialized_metadata":
                 self.metadata = value
-
-
-def _text(content: memoryview, place: int) -> tuple[str, int]:
-    """Return the text at a place, and the place after it."""
-    (length,) = struct.unpack_from("<I", content, place)
-    end = place + 4 + length
-    if end > len(content):
-        raise DamageError("a text reaches beyond its record")
-    return bytes(content[place + 4 : end]).decode(), end
-
-
-def _unpacked(content: memoryview, is_whole: bool) -> memoryview:
-    """Return the records of a chunk; of one that is cut off, those that are there."""
-    try:
-        _, _, size, checksum = _CHUNK_HEAD.unpack_from(content)
-        compression, place = _text(content, _CHUNK_HEAD.size)
-        data = content[place + 8 :]
-        if compression not in ("", "zstd"):
-            raise DamageError(f"compression {compression!r} is not known")
-        if not is_whole:
-            return memoryview(_start_of(data)) if compression else data
-        records = memoryview(zstd.decompress(data)) if compression else data
-    except (struct.error, DamageError, UnicodeDecodeError, zstd.ZstdError) as error:
-        if not is_whole:
-            return memoryview(b"")
-        raise DamageError(f"a chunk does not unpack ({error})") from error
-    if len(records) != size or (checksum and zlib.crc32(records) != checksum):
-        raise DamageError("a chunk has the wrong size or checksum")
-    return records
-
-
-def _start_of(data: memoryview) -> bytes:
-    """Return as much as can be decompressed of a frame that is cut off or bad."""
-    decompressor = zstd.ZstdDecompressor()
-    start = b""
-    with suppress(zstd.ZstdError, EOFError):
-        for place in range(0, len(data), _PIECE):
-            start += decompressor.decompress(data[place : place + _PIECE])
-    return start
