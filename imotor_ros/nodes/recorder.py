@@ -104,7 +104,7 @@ class RecorderNode(StandNode[RecorderParameters]):
         self._close("the recorder was stopped")
 
     def status_values(self) -> dict[str, object]:
-        """Return run id, path, messages and lost samples."""
+        """Return run id, path, messages, lost samples and what else went wrong."""
         if self._role is None:
             return {}
         role = self._role
@@ -113,6 +113,7 @@ class RecorderNode(StandNode[RecorderParameters]):
             "path": role.path,
             "messages": role.messages,
             "lost": role.lost,
+            **role.troubles,
         }
 
     def _receiver(self, topic: Topic) -> Callable[[bytes], None]:

@@ -127,7 +127,8 @@ class RecorderRole:
         data : bytes
             The message as CDR.
         received : int
-            Time of reception (ns since 1970), which counts where the message has none of the run.
+            Time of reception (ns since 1970): the log time of a run on hardware, and of messages
+            without a time of the run.
 
         Raises
         ------
@@ -140,7 +141,7 @@ class RecorderRole:
         if run_id != self.program.run_id:
             return
         time, end = received, None
-        if topic != topics.DIAGNOSTICS.name:
+        if self._order.is_simulated and topic != topics.DIAGNOSTICS.name:
             time = message_time(message)
         if topic in self._ends:
             block = block_from_message(message)
@@ -174,6 +175,15 @@ class RecorderRole:
         for message in messages:
             self._writer.write(message.topic, message.data, message.time)
             self.messages += 1
+
+    @property
+    def troubles(self) -> dict[str, object]:
+        """What was not as it should be: streams waited for in vain, late and rejected messages."""
+        return {
+            "stalled": " ".join(self._order.given_up),
+            "late": self._order.late_count,
+            "rejected": sum(self._writer.rejected.values()),
+        }
 
     def commit_if_due(self) -> None:
         """Write what waits too long; to be called now and then."""
