@@ -12,7 +12,7 @@ Errors of the test stand.
     │   ├── DeadlineError (TimeoutError) something waited for did not come in time
     │   ├── SamplesLostError             samples of a stream are missing
     │   ├── DriveFaultError              the plant or driver reported a fault
-    │   └── RecordingError (OSError)     the bag cannot be written
+    │   └── RecordingError (OSError)     the bag or the results cannot be written
     └── SolverError (ArithmeticError)    a solver cannot go on
 
 `BadInputError` ends a command with exit code 2, every other `ImotorError` with exit code 1.
@@ -136,7 +136,7 @@ class DriveFaultError(RunError):
 
 
 class RecordingError(RunError, OSError):
-    """The bag of a run cannot be written."""
+    """The bag of a run, or the results of a campaign, cannot be written."""
 
 
 class SolverError(ImotorError, ArithmeticError):

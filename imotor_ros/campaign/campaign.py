@@ -15,6 +15,7 @@ from imotor_ros.core.parameters import all_leaves
 from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
 
 _KEYS = ("name", "description", "stand", "point", "sweep", "points")
+_RESERVED = (".", "..", "logs", "results.json")
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def load_campaign(path: Path) -> Campaign:
     The file holds ``name``, ``description``, optionally ``stand`` (a YAML file beside it with
     the parameters of the stand), ``point`` (what all points have in common), ``sweep`` (lists of
     values by dotted name: every combination is a point) and ``points`` (single points, each with
-    what is special in it).
+    what is special in it). What comes later in this list overrides what comes before.
 
     Raises
     ------
@@ -116,11 +117,13 @@ def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
                 where=f"{where}: {key}",
                 bound="one of " + ", ".join(_KEYS),
             )
-    common = dict(_flatten(mapping.get("point") or {}, f"{where}: point"))
     stand = _flatten(mapping.get("stand") or {}, f"{where}: stand")
-    common.update({f"stand.{name}": value for name, value in stand})
+    common = {f"stand.{name}": value for name, value in stand}
+    common.update(_flatten(mapping.get("point") or {}, f"{where}: point"))
     combinations = _combinations(mapping.get("sweep") or {}, f"{where}: sweep")
     single = mapping.get("points") or [{}]
+    if not isinstance(single, list):
+        raise BadInputError("is not a list", where=f"{where}: points", value=single)
     points = [
         _point({**common, **swept, **dict(_flatten(extra, f"{where}: points"))}, swept, where)
         for extra in single
@@ -139,6 +142,8 @@ def _flatten(mapping: Any, where: str, prefix: str = "") -> Iterable[tuple[str, 
     for key, value in mapping.items():
         if isinstance(value, Mapping):
             yield from _flatten(value, where, f"{prefix}{key}.")
+        elif value is None:
+            raise BadInputError("has no value", where=f"{where}: {prefix}{key}")
         else:
             yield f"{prefix}{key}", value
 
@@ -165,9 +170,11 @@ def _point(leaves: dict[str, Any], swept: Mapping[str, Any], where: str) -> Name
 
 
 def _unique(points: list[NamedPoint]) -> Iterable[NamedPoint]:
-    taken: dict[str, int] = {}
+    """Give every point a name of its own, under which a folder can stand among the results."""
+    taken = set(_RESERVED)
     for point in points:
         name = "".join(c if c.isalnum() or c in "-_." else "-" for c in point.name)
-        taken[name] = taken.get(name, 0) + 1
-        suffix = f"_{taken[name]}" if taken[name] > 1 else ""
-        yield NamedPoint(name + suffix, point.parameters)
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        unique = next(n for n in itertools.chain([name], numbered) if n not in taken)
+        taken.add(unique)
+        yield NamedPoint(unique, point.parameters)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +15,7 @@ from imotor_ros.campaign.point import PointParameters
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.excitation import voltage_for_motion
 from imotor_ros.core.motor import VirtualMotor
+from imotor_ros.errors import RecordingError
 
 VIRTUAL_EPOCH = 946_684_800 * 1_000_000_000
 """Time of sample 0 of a run on the virtual stand: 2000-01-01 UTC (ns since 1970).
@@ -67,6 +69,24 @@ class RunPlan:
     def run_info_json(self) -> str:
         """The same as text; equal for equal runs."""
         return json.dumps(self.run_info, sort_keys=True)
+
+    def prepare_folder(self) -> None:
+        """
+        Make the run's folder, and remove the bag of an earlier attempt from it.
+
+        Raises
+        ------
+        RecordingError
+            If the file system does not let it be.
+
+        """
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            if self.bag_path.exists():
+                shutil.rmtree(self.bag_path)
+        except OSError as error:
+            cause = error.strerror or str(error)
+            raise RecordingError(f"{self.directory}: cannot be written: {cause}") from error
 
 
 def run_id_of(point: NamedPoint) -> str:

@@ -13,6 +13,7 @@ from imotor_ros.core.signals import (
     sine,
 )
 from imotor_ros.core.stand import StandParameters
+from imotor_ros.errors import BadInputError
 
 
 @dataclass(frozen=True)
@@ -72,3 +73,14 @@ class PointParameters(Parameters):
     drive: DriveParameters = group(DriveParameters)
     stand: StandParameters = group(StandParameters)
     evaluator: EvaluatorParameters = group(EvaluatorParameters)
+
+    def check(self) -> None:
+        """Refuse a signal that the sample rate cannot hold."""
+        highest, rate = self.signal.maximum_frequency, self.stand.sample_rate
+        if highest >= 0.5 * rate:
+            raise BadInputError(
+                "is too high for the sample rate",
+                where="signal.maximum_frequency",
+                value=highest,
+                bound=f"< {0.5 * rate:g} Hz, half of stand.sample_rate",
+            )

@@ -13,13 +13,16 @@ from imotor_ros.core.friction import CoulombFriction, FrictionLaw, VelocityDepen
 from imotor_ros.core.model import predict
 from imotor_ros.core.motor import VirtualMotor
 from imotor_ros.core.signals import HarmonicMotion
-from imotor_ros.core.slider import LoadParameters
+from imotor_ros.core.slider import LoadParameters, SliderParameters
+from imotor_ros.errors import SolverError
 
 MODELS: dict[str, FrictionLaw] = {
     "model_1": CoulombFriction(),
     "model_2": VelocityDependentFriction(),
 }
 """Friction model 1, equation (9), and model 2, equation (8)."""
+
+_PREDICTED = ("mean_velocity", "start_up_time", "ripple", "durability", "force")
 
 
 def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
@@ -46,24 +49,28 @@ def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
     power = apparent_power(parameters, motion)
     result = {}
     for name, friction in MODELS.items():
-        free = predict(motion, motor.slider, friction, _without_stops(motor.load))
-        values = {
-            "mean_velocity": free.mean_velocity,
-            "start_up_time": free.start_up_time,
-            "ripple": free.ripple,
-            "durability": free.durability,
-            "efficiency": free.mean_velocity / power,
-            "force": free.force,
-        }
-        reasons = dict(free.reasons)
+        free = _predict(motion, motor.slider, friction, _without_stops(motor.load))
+        velocity = free["mean_velocity"]
+        free["efficiency"] = None if velocity is None else velocity / power
         stopped = _against_stop(motor.load)
         if stopped is not None:
-            pushing = predict(motion, motor.slider, friction, stopped)
-            values["force"] = pushing.force
-            reasons.pop("force", None)
-            reasons.update({k: v for k, v in pushing.reasons.items() if k == "force"})
-        result[name] = {**values, "reasons": reasons}
+            pushing = _predict(motion, motor.slider, friction, stopped)
+            free["force"] = pushing["force"]
+            free["reasons"].pop("force", None)
+            free["reasons"].update({k: v for k, v in pushing["reasons"].items() if k == "force"})
+        result[name] = free
     return result
+
+
+def _predict(
+    motion: HarmonicMotion, slider: SliderParameters, friction: FrictionLaw, load: LoadParameters
+) -> dict[str, Any]:
+    """Return values and reasons; a solver that fails is a reason, for the run was measured."""
+    try:
+        found = predict(motion, slider, friction, load)
+    except SolverError as error:
+        return {**dict.fromkeys(_PREDICTED), "reasons": dict.fromkeys(_PREDICTED, str(error))}
+    return {**{key: getattr(found, key) for key in _PREDICTED}, "reasons": dict(found.reasons)}
 
 
 def apparent_power(parameters: PointParameters, motion: HarmonicMotion) -> float:

@@ -20,7 +20,13 @@ from imotor_ros.campaign.campaign import Campaign, NamedPoint
 from imotor_ros.campaign.plan import RunPlan, plan_run, run_id_of
 from imotor_ros.campaign.predictions import predict_point
 from imotor_ros.core.indicators import Performance
-from imotor_ros.errors import BadInputError, ImotorError, RunError, UnreadableFileError
+from imotor_ros.errors import (
+    BadInputError,
+    ImotorError,
+    RecordingError,
+    RunError,
+    UnreadableFileError,
+)
 
 RESULTS_NAME = "results.json"
 
@@ -140,13 +146,16 @@ def run_campaign(
     Raises
     ------
     BadInputError
-        If a point cannot be planned, or `output` holds results of another campaign.
+        If a point cannot be planned, or `output` cannot be made or holds results of another
+        campaign.
+    RecordingError
+        If the results cannot be written.
 
     """
     plans = [_plan(point, output) for point in campaign.points]
     results = _results_so_far(campaign, output) if resume else {}
     yield CampaignStarted(campaign, output, len(results))
-    output.mkdir(parents=True, exist_ok=True)
+    _make_folder(output)
     for number, plan in enumerate(plans):
         if plan.program.run_id in results:
             continue
@@ -156,7 +165,16 @@ def run_campaign(
         results[plan.program.run_id] = result
         _write_results(campaign, bench, results, output)
         yield PointFinished(number, fresh, result)
-    yield CampaignFinished(tuple(results.values()), output / RESULTS_NAME)
+    in_order = tuple(results[plan.program.run_id] for plan in plans)
+    yield CampaignFinished(in_order, output / RESULTS_NAME)
+
+
+def _make_folder(output: Path) -> None:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        what = f"cannot be made: {error.strerror or error}"
+        raise BadInputError(what, where=str(output), bound="a folder for results") from error
 
 
 def _plan(point: NamedPoint, output: Path) -> RunPlan:
@@ -210,9 +228,13 @@ def _write_results(
         "points": [results[key].to_mapping() for key in order if key in results],
     }
     text = json.dumps(content, indent=1, allow_nan=False)
-    temporary = output / f".{RESULTS_NAME}.new"
-    temporary.write_text(text + "\n", encoding="utf-8")
-    temporary.replace(output / RESULTS_NAME)
+    path, temporary = output / RESULTS_NAME, output / f".{RESULTS_NAME}.new"
+    try:
+        temporary.write_text(text + "\n", encoding="utf-8")
+        temporary.replace(path)
+    except OSError as error:
+        cause = error.strerror or str(error)
+        raise RecordingError(f"{path}: cannot be written: {cause}") from error
 
 
 def _results_so_far(campaign: Campaign, output: Path) -> dict[str, PointResult]:

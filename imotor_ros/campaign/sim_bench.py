@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Iterator
 from types import TracebackType
 from typing import Any, Self
@@ -49,9 +48,7 @@ class SimBench:
 
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         """Carry out one run; see `Bench.run`."""
-        if plan.bag_path.exists():
-            shutil.rmtree(plan.bag_path)
-        plan.directory.mkdir(parents=True, exist_ok=True)
+        plan.prepare_folder()
         yield PhaseEntered("run")
         run = _SimRun(plan)
         try:

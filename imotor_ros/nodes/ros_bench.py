@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Generator, Iterator, Mapping
 from functools import partial
 from pathlib import Path
@@ -118,9 +117,7 @@ class RosBench:
             self._stand.wait()
         stand, client = self._stand, self._stand.client
         yield PhaseEntered("configure")
-        plan.directory.mkdir(parents=True, exist_ok=True)
-        if plan.bag_path.exists():
-            shutil.rmtree(plan.bag_path)
+        plan.prepare_folder()
         client.begin_run(plan.program, plan.run_info_json)
         stand.activate(parameters_of_nodes(plan, self._roles))
         yield PhaseEntered("run")

@@ -130,7 +130,7 @@ def test_ledger_refuses_another_run_and_another_rate() -> None:
     ledger = StreamLedger("rod/velocity", "run", sample_rate=1e6)
     with pytest.raises(BadInputError, match="rod/velocity: belongs to another run, got 'other'"):
         ledger.accept(a_block(run_id="other"))
-    with pytest.raises(BadInputError, match="has another sample rate, got 500000.0, expected"):
+    with pytest.raises(BadInputError, match="has another sample rate"):
         ledger.accept(a_block(sample_rate=5e5))
     assert (ledger.received, ledger.next_index) == (0, 0), "it counts for nothing"
     ledger.accept(a_block())
