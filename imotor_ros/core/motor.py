@@ -111,7 +111,8 @@ class VirtualMotor:
         self.parameters = parameters
         self.sample_rate = checked_sample_rate(sample_rate)
         rate = self.sample_rate
-        capacitance = parameters.stator.free_capacitance
+        # the amplifier has to feed what the stator takes at its largest signals
+        capacitance = parameters.stator.largest_capacitance
         self._amplifier = Amplifier(parameters.amplifier, rate, load_capacitance=capacitance)
         self._stator = Stator(parameters.stator, rate)
         friction = cast("FrictionLaw", parameters.friction)
@@ -130,22 +131,40 @@ class VirtualMotor:
         """
         Return the rod displacement per wanted volt (m/V) at frequencies (Hz), shape (...).
 
-        That of the sampled amplifier and stator within their limits: the rod does exactly this.
+        That of the sampled amplifier and the linear dynamics within their limits. Without
+        hysteresis the rod does exactly this; with it, for sines where its gain is 1, but for
+        its lag.
         """
         amplifier = self._amplifier.frequency_response(frequency)
         return np.asarray(amplifier * self._stator.frequency_response(frequency))
+
+    def sine_response(self, frequency: ArrayLike, amplitude: ArrayLike) -> Complex:
+        """
+        Return the rod displacement per wanted volt (m/V) for sines, hysteresis included.
+
+        Parameters
+        ----------
+        frequency : array_like, shape (...)
+            Frequency (Hz) of the sine, and of the answer looked at.
+        amplitude : array_like, shape (...)
+            Wanted amplitude (V).
+
+        """
+        amplifier = self._amplifier.frequency_response(frequency)
+        at_stator = np.abs(amplifier) * np.asarray(amplitude, dtype=np.float64)
+        return np.asarray(amplifier * self._stator.sine_response(frequency, at_stator))
 
     def current_response(self, frequency: ArrayLike) -> Complex:
         """
         Return the stator current per wanted volt (A/V) at frequencies (Hz), shape (...).
 
-        Charge of the clamped capacitance and of the moving rod, behind the sampled amplifier.
+        Charge of the clamped capacitance and of the moving rod, behind the sampled amplifier,
+        where the hysteresis has unit gain.
         """
         frequency = np.asarray(frequency, dtype=np.float64)
         stator = self.parameters.stator
         amplifier = self._amplifier.frequency_response(frequency)
-        displacement = self._stator.frequency_response(frequency)
-        charge = stator.clamped_capacitance + stator.force_factor * displacement
+        charge = stator.clamped_capacitance + self._stator.moved_charge(frequency)
         return np.asarray(2j * np.pi * frequency * charge * amplifier)
 
     def process(self, voltage: ArrayLike) -> MotorResponse:

@@ -10,6 +10,7 @@ from imotor_ros.core.amplifier import Amplifier, AmplifierParameters
 from imotor_ros.core.channel import SampleFlag
 from imotor_ros.core.filters import StreamFilter
 from imotor_ros.core.force_sensor import ForceSensor, ForceSensorParameters
+from imotor_ros.core.hysteresis import Hysteresis, PlayHysteresis
 from imotor_ros.core.linear_systems import bessel_low_pass, first_order_high_pass
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
 from imotor_ros.core.motor import MotorParameters, VirtualMotor
@@ -58,7 +59,18 @@ def _amplifier() -> Stage:
 
 
 def _stator() -> Stage:
-    return Stator(StatorParameters(), RATE).process
+    # the plays of the paper's motor need more than the volt or two of the signal
+    stator = Stator(StatorParameters(), RATE)
+    return lambda x: stator.process(50.0 * x)
+
+
+def _linear_stator() -> Stage:
+    return Stator(StatorParameters.linear(), RATE).process
+
+
+def _hysteresis() -> Stage:
+    plays = Hysteresis(PlayHysteresis(0.5, (0.1, 0.5, 0.9), (0.3, 0.2, 0.1)))
+    return lambda x: (plays.process(x),)
 
 
 def _motor() -> Stage:
@@ -79,7 +91,9 @@ STAGES = [
     _voltage_monitor,
     _current_monitor,
     _amplifier,
+    _hysteresis,
     _stator,
+    _linear_stator,
     _motor,
 ]
 

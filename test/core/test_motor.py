@@ -16,11 +16,12 @@ from imotor_ros.core.monitor import CurrentMonitorParameters, VoltageMonitorPara
 from imotor_ros.core.motor import MotorParameters, MotorResponse, VirtualMotor
 from imotor_ros.core.signals import HarmonicMotion, parabolic_sawtooth, sine
 from imotor_ros.core.slider import LoadParameters
+from imotor_ros.core.stator import StatorParameters
 from imotor_ros.core.stepping import SliderStepper
 from imotor_ros.errors import BadInputError
 
 RATE = 1e6
-FREE = MotorParameters(load=LoadParameters.free())
+FREE = MotorParameters(load=LoadParameters.free(), stator=StatorParameters.linear())
 
 
 def program_for(motion: HarmonicMotion, hold_time: float = 0.02) -> DriveProgram:
@@ -158,7 +159,7 @@ def test_current_monitor_has_the_delay_of_the_stator_current() -> None:
 
 def test_spring_is_pulled_and_shows_a_positive_load_force() -> None:
     load = LoadParameters(spring_stiffness=2000.0, stop_stiffness=0.0, stop_damping=0.0)
-    parameters = MotorParameters(load=load, friction=CoulombFriction())
+    parameters = FREE.replace(load=load, friction=CoulombFriction())
     response, steady = drive(
         parabolic_sawtooth(2, fundamental_frequency=4625.0), parameters, hold_time=0.1
     )

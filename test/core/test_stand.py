@@ -43,8 +43,15 @@ def test_paper_files_hold_every_parameter() -> None:
     assert names(mapping) == {name for name, _, _ in StandParameters().leaves()}
 
 
-def test_every_value_of_the_paper_motor_has_its_source_beside_it() -> None:
-    lines = [line for line in MOTOR_FILE.read_text().splitlines() if re.search(r":\s+\S", line)]
+@pytest.mark.parametrize("path", sorted((PARAMS / "motors").glob("*.yaml")), ids=lambda p: p.stem)
+def test_motor_files_are_motors(path: Path) -> None:
+    motor = MotorParameters.from_mapping(load(path), str(path))
+    assert names(load(path)) == {name for name, _, _ in motor.leaves()}
+
+
+@pytest.mark.parametrize("path", sorted((PARAMS / "motors").glob("*.yaml")), ids=lambda p: p.stem)
+def test_every_value_of_a_motor_has_its_source_beside_it(path: Path) -> None:
+    lines = [line for line in path.read_text().splitlines() if re.search(r":\s+\S", line)]
     values = [line for line in lines if not line.startswith("#")]
     without = {line.split("#")[0].strip() for line in values if "#" not in line}
     assert len(values) > 30

@@ -25,6 +25,7 @@ from imotor_ros.core.monitor import Monitor
 from imotor_ros.core.motor import MotorParameters, MotorResponse, VirtualMotor
 from imotor_ros.core.regression import fit_exponential
 from imotor_ros.core.signals import parabolic_sawtooth
+from imotor_ros.core.stator import StatorParameters
 from imotor_ros.core.vibrometer import Vibrometer, VibrometerParameters
 
 Array = NDArray[np.float64]
@@ -110,7 +111,8 @@ class TrueRun:
 
 
 def run_motor(harmonics: int, maximum_frequency: float, hold_time: float) -> TrueRun:
-    motor = MotorParameters()
+    # the voltage comes from the linear response: hysteresis would bend the motion
+    motor = MotorParameters(stator=StatorParameters.linear())
     virtual = VirtualMotor(motor, RATE, 0)
     motion = parabolic_sawtooth(harmonics, 15e-6, maximum_frequency=maximum_frequency)
     amplitudes, phases = voltage_for_motion(motion, virtual.displacement_response)
