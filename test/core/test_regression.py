@@ -19,7 +19,8 @@ def test_parameters_of_an_exact_exponential_come_back(tau, amplitude):
     assert fit.asymptote == pytest.approx(0.1, rel=1e-8)
     assert fit.time_constant == pytest.approx(tau, rel=1e-6)
     assert fit.amplitude == pytest.approx(amplitude, rel=1e-6)
-    assert fit.value(t) == pytest.approx(0.1 + amplitude * np.exp(-t / tau), rel=1e-8)
+    # the curve crosses zero for some of them
+    assert fit.value(t) == pytest.approx(0.1 + amplitude * np.exp(-t / tau), abs=1e-9)
 
 
 def test_covariance_describes_the_scatter():
