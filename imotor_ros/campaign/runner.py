@@ -17,6 +17,7 @@ from typing import Any
 
 from imotor_ros.campaign.bench import Bench, PerformanceReported, RunEvent
 from imotor_ros.campaign.campaign import Campaign, NamedPoint
+from imotor_ros.campaign.conclusions import MeasuredPoint, draw_conclusions
 from imotor_ros.campaign.plan import RunPlan, plan_run, run_id_of
 from imotor_ros.campaign.predictions import predict_point
 from imotor_ros.core.indicators import Performance
@@ -226,6 +227,9 @@ def _write_results(
         "campaign": campaign.to_mapping(),
         "bench": bench.name,
         "points": [results[key].to_mapping() for key in order if key in results],
+        "conclusions": [
+            one.to_mapping() for one in draw_conclusions(_measured_points(campaign, results))
+        ],
     }
     text = json.dumps(content, indent=1, allow_nan=False)
     path, temporary = output / RESULTS_NAME, output / f".{RESULTS_NAME}.new"
@@ -235,6 +239,17 @@ def _write_results(
     except OSError as error:
         cause = error.strerror or str(error)
         raise RecordingError(f"{path}: cannot be written: {cause}") from error
+
+
+def _measured_points(campaign: Campaign, results: Mapping[str, PointResult]) -> list[MeasuredPoint]:
+    found = []
+    for point in campaign.points:
+        result = results.get(run_id_of(point))
+        if result is not None and result.performance is not None:
+            found.append(
+                MeasuredPoint(point.name, point.parameters, result.performance, result.predictions)
+            )
+    return found
 
 
 def _results_so_far(campaign: Campaign, output: Path) -> dict[str, PointResult]:

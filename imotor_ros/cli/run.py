@@ -8,10 +8,12 @@ models predict. With --resume, points that have a result already are left out.
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
+from typing import Any
 
 from imotor_ros.bag.provenance import provenance
 from imotor_ros.campaign.bench import Bench
@@ -127,6 +129,7 @@ def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> No
             {
                 "output": str(output),
                 "results": str(output / RESULTS_NAME),
+                "conclusions": _conclusions(output),
                 "points": [
                     {**result.to_mapping(), "bag": str(output / result.bag)} for result in results
                 ],
@@ -139,7 +142,20 @@ def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> No
             print(f"failed: {result.error}")
         else:
             print(performance_table(result.performance, result.predictions))
+    if conclusions := _conclusions(output):
+        print("\nWhat the paper concludes")
+    for one in conclusions:
+        print(f"{one['verdict']}: {one['statement']}\n    {one['summary']}")
     print(f"\nresults: {output / RESULTS_NAME}")
+
+
+def _conclusions(output: Path) -> list[dict[str, Any]]:
+    """Return the conclusions in the results, which rest on points done before as well."""
+    path = output / RESULTS_NAME
+    if not path.exists():
+        return []
+    found: list[dict[str, Any]] = json.loads(path.read_text(encoding="utf-8"))["conclusions"]
+    return found
 
 
 def main() -> int:
