@@ -151,7 +151,7 @@ _CHANNEL_NUMBERS = (
     "high_pass_frequency",
     "delay",
 )
-_CHANNEL_TEXTS = ("name", "quantity", "unit", "instrument", "serial")
+_CHANNEL_TEXTS = ("name", "quantity", "unit", "instrument", "serial", "low_pass")
 
 
 def channel_to_message(

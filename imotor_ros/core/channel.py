@@ -11,6 +11,9 @@ LOAD_FORCE = "load/force"
 VOLTAGE = "drive/voltage_monitor"
 CURRENT = "drive/current"
 
+BESSEL_3 = "bessel_3"
+FIRST_ORDER = "first_order"
+
 MEASURED_CHANNELS = (ROD_VELOCITY, SLIDER_VELOCITY, LOAD_FORCE, VOLTAGE, CURRENT)
 
 
@@ -58,6 +61,8 @@ class ChannelDescription:
         Make and model, and serial number.
     is_simulated : bool
         True for a virtual instrument.
+    low_pass : str
+        Kind of low-pass that makes the bandwidth, as in `channel_response`; empty if unknown.
 
     """
 
@@ -75,3 +80,4 @@ class ChannelDescription:
     instrument: str = ""
     serial: str = ""
     is_simulated: bool = True
+    low_pass: str = ""

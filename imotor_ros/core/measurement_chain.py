@@ -178,6 +178,7 @@ class MeasurementChain:
         high_pass_frequency: float,
         delay: float,
         instrument: str,
+        low_pass: str = "",
     ) -> ChannelDescription:
         """Return the description of the channel: `ChannelDescription` with what is known here."""
         return ChannelDescription(
@@ -194,6 +195,7 @@ class MeasurementChain:
             delay=delay,
             instrument=instrument,
             serial=f"simulated {self.name}",
+            low_pass=low_pass,
         )
 
 

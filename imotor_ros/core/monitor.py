@@ -13,7 +13,13 @@ from functools import cached_property
 
 from numpy.typing import ArrayLike
 
-from imotor_ros.core.channel import CURRENT, VOLTAGE, ChannelDescription, SampleFlag
+from imotor_ros.core.channel import (
+    CURRENT,
+    FIRST_ORDER,
+    VOLTAGE,
+    ChannelDescription,
+    SampleFlag,
+)
 from imotor_ros.core.digitiser import DigitiserParameters
 from imotor_ros.core.filters import StreamFilter
 from imotor_ros.core.linear_systems import Complex, first_order_low_pass
@@ -133,6 +139,7 @@ class Monitor:
             high_pass_frequency=0.0,
             delay=self._input_delay + self._low_pass.delay,
             instrument=f"virtual amplifier, {self._quantity} monitor",
+            low_pass=FIRST_ORDER,
         )
 
     @property

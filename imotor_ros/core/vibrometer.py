@@ -15,7 +15,7 @@ from functools import cached_property
 
 from numpy.typing import ArrayLike
 
-from imotor_ros.core.channel import ChannelDescription, SampleFlag
+from imotor_ros.core.channel import BESSEL_3, ChannelDescription, SampleFlag
 from imotor_ros.core.digitiser import DigitiserParameters
 from imotor_ros.core.filters import StreamFilter
 from imotor_ros.core.linear_systems import Complex, bessel_low_pass, first_order_high_pass
@@ -144,6 +144,7 @@ class Vibrometer:
             high_pass_frequency=self.parameters.high_pass_frequency,
             delay=self._low_pass.delay,
             instrument="virtual laser vibrometer",
+            low_pass=BESSEL_3,
         )
 
     @property
