@@ -9,6 +9,7 @@ Otherwise the interval is halved.
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
@@ -29,6 +30,11 @@ def root_workspace() -> Array:
     For each degree n the table holds, in row i and column j >= i, C(j, i) / C(n, i): the share
     that coefficient i, times length^i, has in Bernstein coefficient j.
     """
+    return _first_workspace().copy()
+
+
+@functools.cache
+def _first_workspace() -> Array:
     work = np.zeros((_DEPTH + 2 + (MAXIMUM_DEGREE + 1) ** 2, _WIDTH))
     for n in range(1, MAXIMUM_DEGREE + 1):
         for i in range(n + 1):
