@@ -5,6 +5,7 @@ Errors of the test stand.
 
     ImotorError
     ├── BadInputError (ValueError)       a value from outside that cannot be used
+    │   ├── DriveLimitError              a drive beyond the limits: what is needed and allowed
     │   ├── UnknownKeyError              a key that no parameter has
     │   └── UnreadableFileError          a file that is missing, is no bag, or does not parse
     ├── RunError (RuntimeError)          a run that started did not reach its end
@@ -12,6 +13,7 @@ Errors of the test stand.
     │   ├── DeadlineError (TimeoutError) something waited for did not come in time
     │   ├── SamplesLostError             samples of a stream are missing
     │   ├── DriveFaultError              the plant or driver reported a fault
+    │   ├── ExcitationError              no voltage was found that moves the rod as wanted
     │   └── RecordingError (OSError)     the bag or the results cannot be written
     └── SolverError (ArithmeticError)    a solver cannot go on
 
@@ -53,6 +55,36 @@ class BadInputError(ImotorError, ValueError):
         if bound:
             text += f", expected {bound}"
         super().__init__(text)
+
+
+class DriveLimitError(BadInputError):
+    """
+    A drive needs more than motor or amplifier allow.
+
+    Parameters
+    ----------
+    where : str
+        What needs it, e.g. "hold".
+    quantity : str
+        What it needs too much of, e.g. "voltage".
+    needed, allowed : float
+        How much, and the bound that is passed (unit).
+    unit : str
+        SI unit.
+
+    """
+
+    def __init__(self, where: str, quantity: str, needed: float, allowed: float, unit: str) -> None:
+        self.quantity = quantity
+        self.needed = needed
+        self.allowed = allowed
+        self.unit = unit
+        side = "at most" if needed > allowed else "at least"
+        super().__init__(
+            f"needs a {quantity} of {needed:.4g} {unit}",
+            where=where,
+            bound=f"{side} {allowed:.4g} {unit}",
+        )
 
 
 class UnknownKeyError(BadInputError):
@@ -133,6 +165,10 @@ class SamplesLostError(RunError):
 
 class DriveFaultError(RunError):
     """The plant or the driver reported a fault and stopped."""
+
+
+class ExcitationError(RunError):
+    """No voltage was found that moves the rod as wanted; the text says why."""
 
 
 class RecordingError(RunError, OSError):

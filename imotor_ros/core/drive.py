@@ -134,6 +134,29 @@ class DriveProgram:
                 return start, start + segment.length
         raise BadInputError("no such segment", where=f"drive program {self.run_id}", value=label)
 
+    def cycles(self, label: str, index: NDArray[np.float64]) -> NDArray[np.float64]:
+        """
+        Return the cycles of the fundamental since the start of the drive, less whole ones.
+
+        Parameters
+        ----------
+        label : str
+            A segment of constant frequency.
+        index : ndarray, shape (n,)
+            Samples in it or near it, counted from that of the program; need not be whole.
+
+        Raises
+        ------
+        BadInputError
+            If no segment has that label.
+
+        """
+        start, _ = self.span(label)
+        place = self._starts.index(start)
+        frequency = self.segments[place].start_frequency
+        turns = self._start_cycles[place] + (index - start) * (frequency / self.sample_rate)
+        return turns - np.floor(turns)
+
     def stopped_at(
         self, index: int, ramp_length: int | None = None, release_length: int | None = None
     ) -> DriveProgram:
@@ -228,6 +251,8 @@ def _render_segment(
     voltage = segment.start_offset + (segment.end_offset - segment.start_offset) * share
     pairs = zip(segment.start_amplitudes, segment.end_amplitudes, segment.phases, strict=True)
     for k, (start, end, phase) in enumerate(pairs, 1):
+        if start == 0.0 and end == 0.0:
+            continue  # a line that a multisine leaves out
         amplitude = start + (end - start) * share
         voltage += amplitude * np.sin(2.0 * np.pi * ((k * turns) % 1.0) + phase)
     return voltage

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from imotor_ros.core.amplifier import Amplifier, AmplifierParameters
 from imotor_ros.core.channel import ChannelDescription, SampleFlag
+from imotor_ros.core.drive_limits import DriveLimits
 from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
 from imotor_ros.core.linear_systems import Complex
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
@@ -39,6 +40,17 @@ class MotorParameters(Parameters):
     load: LoadParameters = group(LoadParameters)
     voltage_monitor: VoltageMonitorParameters = group(VoltageMonitorParameters)
     current_monitor: CurrentMonitorParameters = group(CurrentMonitorParameters)
+
+    @property
+    def drive_limits(self) -> DriveLimits:
+        """What may be asked of amplifier and stator."""
+        return DriveLimits(
+            lowest_voltage=self.amplifier.lowest_voltage,
+            highest_voltage=self.amplifier.highest_voltage,
+            slew_rate=self.amplifier.slew_rate,
+            current_limit=self.amplifier.current_limit,
+            load_capacitance=self.stator.largest_capacitance,
+        )
 
 
 @dataclass(frozen=True)

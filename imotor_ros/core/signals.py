@@ -249,9 +249,25 @@ def _wrap(angle: float) -> float:
     return math.pi if wrapped <= -math.pi else wrapped
 
 
+def extremes(amplitudes: ArrayLike, phases: ArrayLike) -> tuple[float, float]:
+    """
+    Return lowest and highest value of sum A_k sin(k theta + psi_k), k = 1, 2, ...
+
+    Parameters
+    ----------
+    amplitudes, phases : array_like, shape (n,)
+        Amplitudes A_k and sine phases psi_k (rad); both values are 0 without any.
+
+    """
+    sizes = np.asarray(amplitudes, dtype=np.float64)
+    if not np.any(sizes):
+        return 0.0, 0.0
+    return _extremes(sizes, np.asarray(phases, dtype=np.float64))
+
+
 def _extremes(amplitudes: Array, phases: Array) -> tuple[float, float]:
     """
-    Return lowest and highest value of sum A_k sin(k theta + psi_k).
+    Do the work of `extremes`.
 
     A grid of 32 points per shortest wave holds every extreme to 0.5 % of its wave; two Newton
     steps from the grid's own local extremes bring the value to rounding error.
