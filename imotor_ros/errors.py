@@ -14,7 +14,7 @@ Errors of the test stand.
     │   ├── SamplesLostError             samples of a stream are missing
     │   ├── DriveFaultError              the plant or driver reported a fault
     │   ├── ExcitationError              no voltage was found that moves the rod as wanted
-    │   └── RecordingError (OSError)     the bag or the results cannot be written
+    │   └── RecordingError (OSError)     a bag, results or a picture cannot be written
     └── SolverError (ArithmeticError)    a solver cannot go on
 
 `BadInputError` ends a command with exit code 2, every other `ImotorError` with exit code 1.
@@ -172,7 +172,7 @@ class ExcitationError(RunError):
 
 
 class RecordingError(RunError, OSError):
-    """The bag of a run, or the results of a campaign, cannot be written."""
+    """The bag of a run, or what else is kept of it, cannot be written."""
 
 
 class SolverError(ImotorError, ArithmeticError):

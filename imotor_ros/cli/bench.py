@@ -35,7 +35,10 @@ def run(options: argparse.Namespace) -> int:
         return 0
     if options.name not in names:
         raise BadInputError(
-            "no such benchmark", where="NAME", value=options.name, bound="one of " + ", ".join(names)
+            "no such benchmark",
+            where="NAME",
+            value=options.name,
+            bound="one of " + ", ".join(names),
         )
     sys.argv = [str(_FOLDER / f"{options.name}.py"), *options.rest]
     runpy.run_path(sys.argv[0], run_name="__main__")

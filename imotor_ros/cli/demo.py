@@ -15,6 +15,7 @@ from imotor_ros.campaign.runner import DONE
 from imotor_ros.cli.picture import draw_run
 from imotor_ros.cli.resources import find_params
 from imotor_ros.cli.run import add_run_arguments, carry_out, output_folder, report
+from imotor_ros.errors import RecordingError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,5 +39,9 @@ def run(options: argparse.Namespace) -> int:
 
 def _draw(bag: Path, output: Path) -> Path:
     path = output / "run.png"
-    draw_run(bag, path)
+    try:
+        draw_run(bag, path)
+    except OSError as error:
+        cause = error.strerror or str(error)
+        raise RecordingError(f"{path}: cannot be written: {cause}") from error
     return path

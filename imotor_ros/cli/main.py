@@ -7,8 +7,9 @@ Exit codes: 0 done, 1 failed, 2 bad input, 130 interrupted.
 from __future__ import annotations
 
 import argparse
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import NoReturn
 
@@ -17,6 +18,7 @@ from imotor_ros.errors import BadInputError, ImotorError
 VERBS = {
     "demo": "run the demonstration on the ROS graph, from drive voltage to indicators",
     "run": "carry out a campaign",
+    "report": "write the report of a campaign again",
     "signal": "print the harmonics of a drive signal",
     "simulate": "predict the indicators with a motor model, without instruments",
     "evaluate": "compute the indicators of a recorded run",
@@ -25,6 +27,14 @@ VERBS = {
     "info": "describe a recorded run",
     "bench": "run a benchmark of bench/",
 }
+
+CHECKOUT_VERBS = {
+    "setup": "make the environment, which every other verb does as well when it is missing",
+    "test": "run linters, type check, layer contracts and tests",
+    "shell-env": "print what a shell has to evaluate to run nodes by hand",
+    "clean": "remove the environment",
+}
+"""What the command `./imotor` of a checkout does before it comes here."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -51,7 +61,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     """
     try:
-        return _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        code = _dispatch(list(sys.argv[1:] if arguments is None else arguments))
+        sys.stdout.flush()
+        return code
     except BadInputError as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
@@ -59,6 +71,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(f"error: {error}", file=sys.stderr)
         return 1
     except BrokenPipeError:
+        # what is still in the buffer would be written, and fail again, at the interpreter's end
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -89,16 +103,23 @@ def _dispatch(arguments: list[str]) -> int:
 
 
 def _overview() -> str:
-    width = max(map(len, VERBS))
-    lines = [f"  {verb:<{width}}  {text}" for verb, text in VERBS.items()]
+    width = max(map(len, VERBS | CHECKOUT_VERBS))
+
+    def lines(verbs: Mapping[str, str]) -> list[str]:
+        return [f"  {verb:<{width}}  {text}" for verb, text in verbs.items()]
+
     return "\n".join(
         (
             "usage: imotor VERB [options]",
             "",
             "Test stand for piezoelectric inertia motors.",
             "",
-            *lines,
+            *lines(VERBS),
             "",
-            "imotor VERB --help tells more of one verb.",
+            "In a checkout, as ./imotor VERB:",
+            "",
+            *lines(CHECKOUT_VERBS),
+            "",
+            "imotor VERB --help tells more of one verb of the first list.",
         )
     )
