@@ -110,7 +110,7 @@ def test_no_sample_of_any_stop_is_beyond_the_demand_of_the_program(seed: int) ->
 def test_limit_names_what_is_needed_and_what_is_allowed(
     change: dict[str, float], quantity: str, unit: str, allowed: float
 ) -> None:
-    amplitudes = (60.0, 20.0) if "lowest_voltage" in change else (36.9, 14.1, 5.8, 2.0)
+    amplitudes = (75.0, 20.0) if "lowest_voltage" in change else (36.9, 14.1, 5.8, 2.0)
     program = drive(amplitudes)
     with pytest.raises(DriveLimitError) as caught:
         LIMITS.replace(**change).check_program(program)
