@@ -1,0 +1,156 @@
+"""From the samples of a run to what every step tells, or why it tells nothing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.identification.harmonics import measure_harmonics, whole_periods
+from imotor_ros.core.identification.records import ChannelRecord, IdentificationParameters
+from imotor_ros.core.identification.regime import SLIDES, Agreement, classify, find_agreement
+from imotor_ros.core.identification.results import StepResult
+from imotor_ros.core.identification.stepped_sine import REST, DriveStep, steps_of
+from imotor_ros.core.identification.steps import FEWEST_HARMONICS, harmonic_count, measure_step
+from imotor_ros.errors import BadInputError
+
+# Samples around what is evaluated that must be good as well: the filters spread what is not.
+_MARGIN = 64
+
+# The offset is a mean over the rest, of which the first part is left to the filters.
+_REST_SKIPPED = 0.2
+
+_FEWEST_DEVIATIONS = 10.0
+_CLEAR_MISFIT = 5.0
+_LARGEST_DRIFT = 0.01
+
+
+@dataclass(frozen=True)
+class MeasuredRun:
+    """
+    A run to be evaluated.
+
+    Attributes
+    ----------
+    program : DriveProgram
+        What was played.
+    rod, slider : ChannelRecord
+        Measured velocities.
+    mass : float
+        Mass of the slider (kg).
+    parameters : IdentificationParameters
+        How to evaluate.
+
+    """
+
+    program: DriveProgram
+    rod: ChannelRecord
+    slider: ChannelRecord
+    mass: float
+    parameters: IdentificationParameters
+
+    @property
+    def frequency(self) -> float:
+        """Frequency of the drive (Hz)."""
+        return self.program.fundamental_frequency
+
+    @property
+    def rate(self) -> float:
+        """Samples per second (Hz)."""
+        return self.program.sample_rate
+
+
+def evaluate_steps(run: MeasuredRun) -> tuple[list[StepResult], Agreement]:
+    """
+    Return what came of every step, and how the heads agree where the slider sticks.
+
+    Raises
+    ------
+    BadInputError
+        If the program has no steps, a channel is AC-coupled too high, or its low-pass leaves too
+        few harmonics.
+
+    """
+    steps = steps_of(run.program)
+    count, offset = _harmonics(run), _rest_offset(run)
+    results = [_measure(run, step, count, offset) for step in steps]
+    agreement = find_agreement([one.measurement for one in results if one.measurement])
+    return [_judged(run, one, agreement) for one in results], agreement
+
+
+def _harmonics(run: MeasuredRun) -> int:
+    """Return how many harmonics both channels show."""
+    for record in (run.rod, run.slider):
+        if record.channel.high_pass_frequency > 0.1 * run.frequency:
+            raise BadInputError(
+                "is coupled too high", where=f"{record.channel.name}: high_pass_frequency",
+                value=record.channel.high_pass_frequency, bound=f"<= {0.1 * run.frequency:g} Hz",
+            )  # fmt: skip
+    counts = {
+        record.channel.name: harmonic_count(run.frequency, record.channel.bandwidth, run.rate)
+        for record in (run.rod, run.slider)
+    }
+    name = min(counts, key=lambda one: counts[one])
+    if counts[name] < FEWEST_HARMONICS:
+        raise BadInputError(
+            "is too low for the drive frequency", where=f"{name}: bandwidth or sample rate",
+            value=counts[name], bound=f">= {FEWEST_HARMONICS} harmonics of {run.frequency:g} Hz "
+            "below half the bandwidth and a fifth of the sample rate",
+        )  # fmt: skip
+    return counts[name]
+
+
+def _rest_offset(run: MeasuredRun) -> float | None:
+    """Return the offset of the slider's channel, from the rest before the first step."""
+    if not any(segment.label == REST for segment in run.program.segments):
+        return None
+    start, end = run.program.span(REST)
+    start += round(_REST_SKIPPED * (end - start))
+    if run.slider.fault(start, end):
+        return None
+    return float(run.slider.samples[start:end].mean())
+
+
+def _measure(run: MeasuredRun, step: DriveStep, count: int, offset: float | None) -> StepResult:
+    start = step.start + round(run.parameters.settling_time * run.rate)
+    period = run.rate / run.frequency
+    delays = [record.channel.delay * run.rate for record in (run.rod, run.slider)]
+    periods = whole_periods(start, step.end, period, max(delays))
+    if periods < run.parameters.minimum_periods:
+        reason = f"only {periods} whole periods after settling"
+        return StepResult(step, reason=reason)
+    end = start + math.ceil(periods * period + max(0.0, *delays))
+    for record in (run.rod, run.slider):
+        fault = record.fault(start - _MARGIN, end + _MARGIN)
+        if fault:
+            return StepResult(step, reason=fault, is_bad=True)
+    rod, slider = (
+        measure_harmonics(
+            record.samples, record.channel, start=start, periods=periods,
+            frequency=run.frequency, sample_rate=run.rate, count=count,
+        )
+        for record in (run.rod, run.slider)
+    )  # fmt: skip
+    if min(abs(one.phasors[0]) / one.noise for one in (rod, slider)) < _FEWEST_DEVIATIONS:
+        return StepResult(step, reason="the motion is lost in the noise")
+    return StepResult(step, measure_step(step, run.frequency, rod, slider, slider_offset=offset))
+
+
+def _judged(run: MeasuredRun, result: StepResult, agreement: Agreement) -> StepResult:
+    """Add the regime, and whether the step is one to fit a law to."""
+    one = result.measurement
+    if one is None:
+        return result
+    regime = classify(one, agreement)
+    is_above = one.mean_relative_speed >= run.parameters.threshold
+    reason = ""
+    if is_above and regime != SLIDES:
+        reason = "above the threshold, but it does not slide all the time"
+    elif one.drift > _LARGEST_DRIFT + 10.0 * one.phase_noise:
+        reason = f"has not settled: it changes by {100 * one.drift:.1f} %"
+    elif is_above and one.misfit > _CLEAR_MISFIT:
+        reason = (
+            f"the slider velocity has another shape: chi square {one.misfit:.0f} times too large"
+        )
+    is_fitted = is_above and not reason
+    return StepResult(result.step, one, regime, is_fitted, reason)
