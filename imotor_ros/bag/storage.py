@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import traceback
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -69,7 +70,10 @@ class RunStorage(McapWriter):
         start = self.bio.tell()
         try:
             super().close_chunk()
-        except OSError:
+        except OSError as error:
+            # CPython up to 3.12.1 crashes when it collects a view of a BytesIO that a frame of
+            # the traceback keeps
+            traceback.clear_frames(error.__traceback__)
             self._cut(start)
             raise
 
@@ -78,7 +82,10 @@ class RunStorage(McapWriter):
         start = self.bio.tell()
         try:
             super().close(version, metadata)
-        except OSError:
+        except OSError as error:
+            # CPython up to 3.12.1 crashes when it collects a view of a BytesIO that a frame of
+            # the traceback keeps
+            traceback.clear_frames(error.__traceback__)
             self._cut(start)
             raise
 
