@@ -9,8 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Self
 
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
+import yaml
 
 from imotor_ros.contracts.blocks import StreamLedger
 from imotor_ros.errors import BadInputError, UnreadableFileError
@@ -182,7 +181,11 @@ def metadata_texts(metadata: str, where: str) -> dict[str, str]:
 
     """
     try:
-        data = (YAML(typ="safe").load(metadata) or {}).get("custom_data") or {}
+        # all scalars stay text, as they were written; the compiled parser is twenty times as fast
+        loader = getattr(yaml, "CBaseLoader", yaml.BaseLoader)
+        data = (yaml.load(metadata, Loader=loader) or {}).get("custom_data") or {}
+        if data == "null":
+            return {}
         return {str(key): str(value) for key, value in data.items()}
-    except (YAMLError, AttributeError) as error:
+    except (yaml.YAMLError, AttributeError) as error:
         raise UnreadableFileError("has metadata that do not parse", where=where) from error

@@ -18,9 +18,9 @@ from imotor_ros.errors import BadInputError, ImotorError
 VERBS = {
     "demo": "run the demonstration on the ROS graph, from drive voltage to indicators",
     "run": "carry out a campaign",
-    "report": "write the report of a campaign again",
     "signal": "print the harmonics of a drive signal",
     "simulate": "predict the indicators with a motor model, without instruments",
+    "report": "write the report of a campaign again",
     "evaluate": "compute the indicators of a recorded run",
     "replay": "play a recorded run through the topics to the evaluator",
     "recover": "mend a bag whose recorder was killed",

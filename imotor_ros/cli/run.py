@@ -25,6 +25,7 @@ from imotor_ros.campaign.runner import (
     PointResult,
     run_campaign,
 )
+from imotor_ros.cli.campaign_report import REPORT_NAME, write_report
 from imotor_ros.cli.main import main as run_verb
 from imotor_ros.cli.output import performance_table, print_json
 from imotor_ros.cli.progress import CampaignProgress
@@ -112,6 +113,7 @@ def carry_out(
                 progress.show(event)
                 if isinstance(event, CampaignFinished):
                     results = event.results
+                    write_report(output)
         except KeyboardInterrupt:
             events.close()
             print(
@@ -129,6 +131,7 @@ def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> No
             {
                 "output": str(output),
                 "results": str(output / RESULTS_NAME),
+                "report": str(output / REPORT_NAME),
                 "conclusions": _conclusions(output),
                 "points": [
                     {**result.to_mapping(), "bag": str(output / result.bag)} for result in results
@@ -146,7 +149,7 @@ def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> No
         print("\nWhat the paper concludes")
     for one in conclusions:
         print(f"{one['verdict']}: {one['statement']}\n    {one['summary']}")
-    print(f"\nresults: {output / RESULTS_NAME}")
+    print(f"\nresults: {output / RESULTS_NAME}\nreport: {output / REPORT_NAME}")
 
 
 def _conclusions(output: Path) -> list[dict[str, Any]]:
