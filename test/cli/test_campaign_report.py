@@ -106,7 +106,7 @@ def test_browser_draws_every_visible_plot(output: Path, width: int) -> None:
     done = subprocess.run(
         [
             str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",
-            f"--window-size={width},900", "--virtual-time-budget=2000",
+            f"--window-size={width},900",
             (output / REPORT_NAME).as_uri(),
         ],
         capture_output=True, text=True, timeout=60, check=True,

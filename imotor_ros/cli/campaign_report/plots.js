@@ -48,6 +48,7 @@ class Plot {
     this.value = figure.log ? Math.exp : (x) => x;
     // what would lie below a logarithmic axis is drawn at its foot
     this.rise = figure.logValues ? (v) => Math.log10(Math.max(v, 1e-12)) : (v) => v;
+    if (host.clientWidth) this.draw();
     new ResizeObserver(() => { if (host.clientWidth && host.clientWidth !== this.width) this.draw(); }).observe(host);
     host.addEventListener("dblclick", () => { this.shown = null; this.draw(); });
     host.addEventListener("pointerdown", (event) => this.press(event));
