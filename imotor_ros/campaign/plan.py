@@ -7,14 +7,21 @@ import json
 import shutil
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from imotor_ros.campaign.campaign import NamedPoint
-from imotor_ros.campaign.point import PointParameters
+from imotor_ros.campaign.point import DriveParameters, PointParameters
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.excitation import voltage_for_motion
+from imotor_ros.core.identification.stepped_sine import (
+    SteppedSineParameters,
+    Voltage,
+    stepped_sine_drive,
+)
 from imotor_ros.core.motor import VirtualMotor
+from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.errors import RecordingError
 
 VIRTUAL_EPOCH = 946_684_800 * 1_000_000_000
@@ -23,6 +30,8 @@ VIRTUAL_EPOCH = 946_684_800 * 1_000_000_000
 A fixed time, so that the same seed gives the same messages byte for byte; when the run really
 took place stands in its provenance.
 """
+
+_VOLTAGE_ROUNDS = 20
 
 
 @dataclass(frozen=True)
@@ -120,11 +129,20 @@ def plan_run(
 
 def drive_program(parameters: PointParameters, run_id: str) -> DriveProgram:
     """Return the drive program of a point; see `plan_run`."""
-    motion = parameters.signal.motion
     rate = parameters.stand.sample_rate
     motor = VirtualMotor(parameters.stand.motor, rate, parameters.seed)
-    amplitudes, phases = voltage_for_motion(motion, motor.displacement_response)
     drive = parameters.drive
+    if isinstance(drive, SteppedSineParameters):
+        return stepped_sine_drive(
+            drive,
+            partial(_sine_voltage, motor),
+            run_id=run_id,
+            epoch=VIRTUAL_EPOCH,
+            sample_rate=rate,
+        )
+    assert isinstance(drive, DriveParameters)
+    motion = parameters.signal.motion
+    amplitudes, phases = voltage_for_motion(motion, motor.displacement_response)
     return steady_drive(
         run_id=run_id,
         epoch=VIRTUAL_EPOCH,
@@ -139,3 +157,16 @@ def drive_program(parameters: PointParameters, run_id: str) -> DriveProgram:
         motion_amplitudes=motion.amplitudes,
         motion_phases=motion.phases,
     )
+
+
+def _sine_voltage(motor: VirtualMotor, motion: HarmonicMotion) -> Voltage:
+    """
+    Return the voltage of a step: here a correction by the measured rod motion finds its place.
+
+    The gain of a stator with hysteresis depends on the voltage, so that it is asked for again.
+    """
+    amplitudes, phases = voltage_for_motion(motion, motor.displacement_response)
+    for _ in range(_VOLTAGE_ROUNDS):
+        response = partial(motor.sine_response, amplitude=amplitudes[0])
+        amplitudes, phases = voltage_for_motion(motion, response)
+    return amplitudes, phases

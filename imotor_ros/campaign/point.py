@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from imotor_ros.core.evaluator import EvaluatorParameters
-from imotor_ros.core.parameters import Parameters, group, parameter
+from imotor_ros.core.identification.stepped_sine import SteppedSineParameters
+from imotor_ros.core.parameters import Parameters, choice, group, parameter
 from imotor_ros.core.signals import (
     HarmonicMotion,
     classic_sawtooth,
@@ -61,6 +63,13 @@ class DriveParameters(Parameters):
     )
 
 
+DRIVE_KINDS: Mapping[str, type[Parameters]] = {
+    "steady": DriveParameters,
+    "stepped_sine": SteppedSineParameters,
+}
+"""How a run is driven: by the point's signal, or by a sine of stepped amplitude instead of it."""
+
+
 @dataclass(frozen=True)
 class PointParameters(Parameters):
     """All that one run depends on: together with the version of the code, it repeats the run."""
@@ -70,7 +79,7 @@ class PointParameters(Parameters):
         0.05, "stream time between provisional indicators, 0 for none", unit="s", low=0.0, high=3600
     )
     signal: SignalParameters = group(SignalParameters)
-    drive: DriveParameters = group(DriveParameters)
+    drive: Parameters = choice("kind", "steady", DRIVE_KINDS)
     stand: StandParameters = group(StandParameters)
     evaluator: EvaluatorParameters = group(EvaluatorParameters)
 

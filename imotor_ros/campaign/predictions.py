@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from imotor_ros.campaign.point import PointParameters
+from imotor_ros.campaign.point import DriveParameters, PointParameters
 from imotor_ros.core.excitation import voltage_for_motion
 from imotor_ros.core.friction import CoulombFriction, FrictionLaw, VelocityDependentFriction
 from imotor_ros.core.model import predict
@@ -41,9 +41,12 @@ def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
     Returns
     -------
     dict
-        By model: value or None by indicator (SI), and "reasons" why one is None.
+        By model: value or None by indicator (SI), and "reasons" why one is None. Empty where
+        the run is not driven by the point's signal.
 
     """
+    if not isinstance(parameters.drive, DriveParameters):
+        return {}
     motion = parameters.signal.motion
     motor = parameters.stand.motor
     power = apparent_power(parameters, motion)
