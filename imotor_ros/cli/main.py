@@ -20,6 +20,7 @@ VERBS = {
     "run": "carry out a campaign",
     "signal": "print the harmonics of a drive signal",
     "simulate": "predict the indicators with a motor model, without instruments",
+    "force": "predict the force on springs, and the velocity under constant loads",
     "report": "write the report of a campaign again",
     "evaluate": "compute the indicators of a recorded run",
     "replay": "play a recorded run through the topics to the evaluator",
