@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 from collections.abc import Mapping
 from typing import Any, Generic, TypeVar
 
@@ -65,7 +66,7 @@ class ParameterBinding(Generic[P]):
                 )
 
     def _build(self, changes: Mapping[str, Any]) -> P:
-        values = {name: self._node.get_parameter(name).value for name in self._known}
+        values = {name: _from_ros(self._node.get_parameter(name).value) for name in self._known}
         values.update(changes)
         try:
             return self._class.from_leaves(values)
@@ -76,7 +77,7 @@ class ParameterBinding(Generic[P]):
             ) from error
 
     def _on_set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        changes = {p.name: p.value for p in parameters if p.name in self._known}
+        changes = {p.name: _from_ros(p.value) for p in parameters if p.name in self._known}
         if not changes:
             return SetParametersResult(successful=True)
         if self.is_locked:
@@ -91,6 +92,10 @@ class ParameterBinding(Generic[P]):
 
 def _to_ros(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
+
+
+def _from_ros(value: Any) -> Any:
+    return list(value) if isinstance(value, array.array) else value
 
 
 def _descriptor(name: str, default: Any, info: FieldInfo) -> ParameterDescriptor:
