@@ -10,11 +10,15 @@ from typing import Any
 
 import yaml
 
+from imotor_ros.campaign.order import sequence_of
 from imotor_ros.campaign.point import PointParameters
 from imotor_ros.core.parameters import all_leaves
 from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
 
-_KEYS = ("name", "description", "stand", "point", "sweep", "points")
+_KEYS = (
+    "name", "description", "stand", "point", "sweep", "points", "repetitions", "order",
+    "order_seed",
+)  # fmt: skip
 _RESERVED = (".", "..", "logs", "results.json")
 
 
@@ -82,6 +86,9 @@ def load_campaign(path: Path) -> Campaign:
     the parameters of the stand), ``point`` (what all points have in common), ``sweep`` (lists of
     values by dotted name: every combination is a point) and ``points`` (single points, each with
     what is special in it). What comes later in this list overrides what comes before.
+    ``repetitions`` says how often each point is measured, every time with the next seed;
+    ``order`` is "rounds" (all points, then all again), "together" (repetitions in a row) or
+    "random", as ``order_seed`` determines.
 
     Raises
     ------
@@ -132,8 +139,31 @@ def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
     return Campaign(
         name=str(mapping.get("name", "campaign")),
         description=str(mapping.get("description", "")),
-        points=tuple(_unique(points)),
+        points=tuple(_in_order(tuple(_unique(points)), mapping, where)),
     )
+
+
+def _in_order(
+    points: tuple[NamedPoint, ...], mapping: Mapping[str, Any], where: str
+) -> Iterable[NamedPoint]:
+    """Return the points as often and in the order that the campaign asks for."""
+    repetitions = mapping.get("repetitions", 1)
+    try:
+        sequence = sequence_of(
+            len(points), repetitions, mapping.get("order", "rounds"), mapping.get("order_seed", 0)
+        )
+    except BadInputError as error:
+        raise BadInputError(
+            error.what, where=f"{where}: {error.where}", value=error.value, bound=error.bound
+        ) from error
+    runs = []
+    for number, repeat in sequence:
+        name, parameters = points[number].name, points[number].parameters
+        if repetitions > 1:
+            name = f"{name}_r{repeat + 1}"
+            parameters = parameters.replace(seed=parameters.seed + repeat)
+        runs.append(NamedPoint(name, parameters))
+    return _unique(runs)
 
 
 def _flatten(mapping: Any, where: str, prefix: str = "") -> Iterable[tuple[str, Any]]:

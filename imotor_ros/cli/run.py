@@ -2,7 +2,8 @@
 Carry out a campaign.
 
 Every point leaves a bag, and results.json holds the indicators of all points beside what the
-models predict. With --resume, points that have a result already are left out.
+models predict; report.html shows both. With --resume, points that have a result already are left
+out.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import json
 import sys
 from collections.abc import Sequence
+from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -18,6 +20,7 @@ from typing import Any
 from imotor_ros.bag.provenance import provenance
 from imotor_ros.campaign.bench import Bench
 from imotor_ros.campaign.campaign import Campaign, load_campaign
+from imotor_ros.campaign.forecast import forecast_run
 from imotor_ros.campaign.runner import (
     DONE,
     RESULTS_NAME,
@@ -27,7 +30,7 @@ from imotor_ros.campaign.runner import (
 )
 from imotor_ros.cli.campaign_report import REPORT_NAME, write_report
 from imotor_ros.cli.main import main as run_verb
-from imotor_ros.cli.output import performance_table, print_json
+from imotor_ros.cli.output import performance_table, print_json, table
 from imotor_ros.cli.progress import CampaignProgress
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.errors import BadInputError, ImotorError
@@ -37,6 +40,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the verb."""
     parser.add_argument("campaign", type=Path, metavar="CAMPAIGN.yaml", help="what to measure")
     add_run_arguments(parser)
+    parser.add_argument(
+        "--dry-run", action="store_true", help="list the runs, their length and bags; run nothing"
+    )
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -58,10 +64,39 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Carry out the campaign and print its results."""
     campaign = load_campaign(options.campaign)
+    if options.dry_run:
+        return show_forecast(campaign, as_json=options.json)
     output = output_folder(campaign, options)
     results = carry_out(campaign, options, output)
     report(results, output, as_json=options.json)
     return 0 if all(result.status == DONE for result in results) else 1
+
+
+def show_forecast(campaign: Campaign, *, as_json: bool) -> int:
+    """Print what a campaign would do; 1 if a run would exceed a limit."""
+    runs = [forecast_run(point) for point in campaign.points]
+    total = {
+        "duration": sum(one.duration for one in runs),
+        "bag_size": sum(one.bag_size for one in runs),
+    }
+    if as_json:
+        print_json({"name": campaign.name, "runs": [asdict(one) for one in runs], **total})
+    else:
+        rows = [
+            [one.name, f"{one.duration:.3f}", str(one.samples), f"{one.lowest_voltage:.1f}",
+             f"{one.highest_voltage:.1f}", f"{one.bag_size / 1e6:.1f}"]
+            for one in runs
+        ]  # fmt: skip
+        head = ["run", "duration (s)", "samples", "lowest (V)", "highest (V)", "bag (MB)"]
+        print(table(rows, head))
+        print(
+            f"{len(runs)} runs, {total['duration']:.3f} s of stream, "
+            f"about {total['bag_size'] / 1e6:.0f} MB"
+        )
+        for one in runs:
+            if one.problem:
+                print(f"{one.name}: {one.problem}")
+    return 1 if any(one.problem for one in runs) else 0
 
 
 def output_folder(campaign: Campaign, options: argparse.Namespace) -> Path:

@@ -1,0 +1,77 @@
+"""Order and repetition of runs, and what a dry run says of them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from imotor_ros.campaign.campaign import Campaign, campaign_from_mapping
+from imotor_ros.campaign.forecast import forecast_run
+from imotor_ros.campaign.order import sequence_of
+from imotor_ros.campaign.plan import plan_run
+from imotor_ros.cli.main import main
+from imotor_ros.errors import BadInputError
+
+PAPER = Path(__file__).parents[2] / "params" / "campaigns" / "paper.yaml"
+
+
+def campaign(**keys: Any) -> Campaign:
+    return campaign_from_mapping({"sweep": {"signal.harmonics": [2, 3]}, **keys})
+
+
+def test_rounds_and_rows_of_repetitions() -> None:
+    assert sequence_of(2, 2) == [(0, 0), (1, 0), (0, 1), (1, 1)]
+    assert sequence_of(2, 2, "together") == [(0, 0), (0, 1), (1, 0), (1, 1)]
+
+
+def test_random_order_holds_every_run_and_depends_on_its_seed_alone() -> None:
+    shuffled = sequence_of(20, 3, "random", 5)
+    assert sorted(shuffled) == sequence_of(20, 3, "together")
+    assert shuffled == sequence_of(20, 3, "random", 5)
+    assert shuffled != sequence_of(20, 3, "random", 6)
+
+
+def test_repetitions_have_names_and_seeds_of_their_own() -> None:
+    points = campaign(repetitions=2, point={"seed": 7}).points
+    names = ["harmonics-2_r1", "harmonics-3_r1", "harmonics-2_r2", "harmonics-3_r2"]
+    assert [one.name for one in points] == names
+    assert [one.parameters.seed for one in points] == [7, 7, 8, 8]
+
+
+def test_campaign_in_order_survives_a_round_trip() -> None:
+    made = campaign(repetitions=3, order="random", order_seed=2)
+    assert campaign_from_mapping(made.to_mapping()) == made
+
+
+@pytest.mark.parametrize(
+    "keys", [{"repetitions": 0}, {"repetitions": True}, {"order": "any"}, {"order_seed": -1}]
+)
+def test_impossible_order_is_refused_by_name(keys: dict[str, Any]) -> None:
+    with pytest.raises(BadInputError, match=next(iter(keys))):
+        campaign(**keys)
+
+
+def test_forecast_agrees_with_the_plan() -> None:
+    point = campaign().points[0]
+    found, program = forecast_run(point), plan_run(point, Path()).program
+    assert (found.run_id, found.samples) == (program.run_id, program.length)
+    assert found.duration == pytest.approx(program.length / program.sample_rate)
+    assert found.lowest_voltage < 50.0 < found.highest_voltage
+    assert not found.problem
+
+
+def test_forecast_finds_a_drive_beyond_the_amplifier() -> None:
+    point = campaign(point={"signal.stroke": 60e-6}).points[0]
+    assert "the amplifier gives -20 to 120 V" in forecast_run(point).problem
+
+
+def test_dry_run_lists_the_runs_and_makes_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["run", str(PAPER), "--dry-run", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert len(found["runs"]) == 12
+    assert found["duration"] == pytest.approx(sum(one["duration"] for one in found["runs"]))
+    assert list(tmp_path.iterdir()) == []
