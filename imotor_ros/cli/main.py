@@ -21,6 +21,8 @@ VERBS = {
     "signal": "print the harmonics of a drive signal",
     "simulate": "predict the indicators with a motor model, without instruments",
     "force": "predict the force on springs, and the velocity under constant loads",
+    "identify-friction": "find the friction law of a motor from a sine of stepped amplitude",
+    "sweep": "predict every point of a campaign with the motor model, on all cores",
     "report": "write the report of a campaign again",
     "evaluate": "compute the indicators of a recorded run",
     "replay": "play a recorded run through the topics to the evaluator",
@@ -89,7 +91,7 @@ def _dispatch(arguments: list[str]) -> int:
         raise BadInputError(
             "is not a verb", where="imotor", value=verb, bound="one of " + ", ".join(VERBS)
         )
-    module = import_module(f"imotor_ros.cli.{verb}")
+    module = import_module(f"imotor_ros.cli.{verb.replace('-', '_')}")
     parser = Parser(
         prog=f"imotor {verb}",
         description=module.__doc__,

@@ -55,6 +55,14 @@ def format_value(value: float | None, uncertainty: float | None = None) -> str:
     return f"{value:.{digits}f} ± {uncertainty:.{digits}f}"
 
 
+def format_interval(value: float, low: float, high: float, factor: float = 1.0) -> str:
+    """Return a number and the interval it lies in, with the digits that the interval supports."""
+    spread = factor * (high - low)
+    digits = max(0, 2 - math.floor(math.log10(spread))) if spread > 0.0 else 4
+    numbers = (f"{factor * one:.{digits}f}" for one in (value, low, high))
+    return "{} [{}, {}]".format(*numbers)
+
+
 def format_indicator(indicator: Indicator) -> str:
     """Return value and uncertainty of an indicator in the unit that people read."""
     scale = SCALES[indicator.name]

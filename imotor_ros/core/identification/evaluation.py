@@ -6,7 +6,11 @@ import math
 from dataclasses import dataclass
 
 from imotor_ros.core.drive import DriveProgram
-from imotor_ros.core.identification.harmonics import measure_harmonics, whole_periods
+from imotor_ros.core.identification.harmonics import (
+    Harmonics,
+    measure_harmonics,
+    whole_periods,
+)
 from imotor_ros.core.identification.records import ChannelRecord, IdentificationParameters
 from imotor_ros.core.identification.regime import SLIDES, Agreement, classify, find_agreement
 from imotor_ros.core.identification.results import StepResult
@@ -19,6 +23,9 @@ _MARGIN = 64
 
 # The offset is a mean over the rest, of which the first part is left to the filters.
 _REST_SKIPPED = 0.2
+
+# How the heads agree is found from the steps, and helps to find their corners.
+_ROUNDS = 2
 
 _FEWEST_DEVIATIONS = 10.0
 _CLEAR_MISFIT = 5.0
@@ -71,10 +78,12 @@ def evaluate_steps(run: MeasuredRun) -> tuple[list[StepResult], Agreement]:
         few harmonics.
 
     """
-    steps = steps_of(run.program)
     count, offset = _harmonics(run), _rest_offset(run)
-    results = [_measure(run, step, count, offset) for step in steps]
-    agreement = find_agreement([one.measurement for one in results if one.measurement])
+    folded = [_fold(run, step, count) for step in steps_of(run.program)]
+    agreement = Agreement(1.0 + 0.0j, math.nan, 0)
+    for _ in range(_ROUNDS):
+        results = [_measure(run, one, offset, agreement.ratio) for one in folded]
+        agreement = find_agreement([one.measurement for one in results if one.measurement])
     return [_judged(run, one, agreement) for one in results], agreement
 
 
@@ -111,19 +120,29 @@ def _rest_offset(run: MeasuredRun) -> float | None:
     return float(run.slider.samples[start:end].mean())
 
 
-def _measure(run: MeasuredRun, step: DriveStep, count: int, offset: float | None) -> StepResult:
+@dataclass(frozen=True)
+class _Folded:
+    """The harmonics of both velocities in one step, or why there are none."""
+
+    step: DriveStep
+    rod: Harmonics | None = None
+    slider: Harmonics | None = None
+    reason: str = ""
+    is_bad: bool = False
+
+
+def _fold(run: MeasuredRun, step: DriveStep, count: int) -> _Folded:
     start = step.start + round(run.parameters.settling_time * run.rate)
     period = run.rate / run.frequency
     delays = [record.channel.delay * run.rate for record in (run.rod, run.slider)]
     periods = whole_periods(start, step.end, period, max(delays))
     if periods < run.parameters.minimum_periods:
-        reason = f"only {periods} whole periods after settling"
-        return StepResult(step, reason=reason)
+        return _Folded(step, reason=f"only {periods} whole periods after settling")
     end = start + math.ceil(periods * period + max(0.0, *delays))
     for record in (run.rod, run.slider):
         fault = record.fault(start - _MARGIN, end + _MARGIN)
         if fault:
-            return StepResult(step, reason=fault, is_bad=True)
+            return _Folded(step, reason=fault, is_bad=True)
     rod, slider = (
         measure_harmonics(
             record.samples, record.channel, start=start, periods=periods,
@@ -131,9 +150,21 @@ def _measure(run: MeasuredRun, step: DriveStep, count: int, offset: float | None
         )
         for record in (run.rod, run.slider)
     )  # fmt: skip
+    return _Folded(step, rod, slider)
+
+
+def _measure(
+    run: MeasuredRun, folded: _Folded, offset: float | None, agreement: complex
+) -> StepResult:
+    step, rod, slider = folded.step, folded.rod, folded.slider
+    if rod is None or slider is None:
+        return StepResult(step, reason=folded.reason, is_bad=folded.is_bad)
     if min(abs(one.phasors[0]) / one.noise for one in (rod, slider)) < _FEWEST_DEVIATIONS:
         return StepResult(step, reason="the motion is lost in the noise")
-    return StepResult(step, measure_step(step, run.frequency, rod, slider, slider_offset=offset))
+    measurement = measure_step(
+        step, run.frequency, rod, slider, slider_offset=offset, agreement=agreement
+    )
+    return StepResult(step, measurement)
 
 
 def _judged(run: MeasuredRun, result: StepResult, agreement: Agreement) -> StepResult:
@@ -145,7 +176,7 @@ def _judged(run: MeasuredRun, result: StepResult, agreement: Agreement) -> StepR
     is_above = one.mean_relative_speed >= run.parameters.threshold
     reason = ""
     if is_above and regime != SLIDES:
-        reason = "above the threshold, but it does not slide all the time"
+        reason = "above the threshold, but it does not clearly slide all the time"
     elif one.drift > _LARGEST_DRIFT + 10.0 * one.phase_noise:
         reason = f"has not settled: it changes by {100 * one.drift:.1f} %"
     elif is_above and one.misfit > _CLEAR_MISFIT:

@@ -9,7 +9,7 @@ taken from what changes between neighbouring periods, not from a data sheet.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,14 +53,25 @@ class Harmonics:
     drift: complex
     periods: int
 
-    def scaled(self, factor: float) -> Harmonics:
-        """Return the harmonics of a velocity that is `factor` times as large."""
-        return Harmonics(
-            factor * self.mean,
-            factor * self.phasors,
-            abs(factor) * self.noise,
-            factor * self.drift,
-            self.periods,
+    def seen_as(self, ratio: complex) -> Harmonics:
+        """
+        Return the harmonics as another channel shows them.
+
+        Parameters
+        ----------
+        ratio : complex
+            First harmonic of the other channel over that of this one, for the same velocity: its
+            magnitude is a gain, its phase a delay.
+
+        """
+        orders = np.arange(1, self.phasors.size + 1)
+        turns = np.exp(1j * orders * np.angle(ratio))
+        return replace(
+            self,
+            mean=abs(ratio) * self.mean,
+            phasors=abs(ratio) * turns * self.phasors,
+            noise=abs(ratio) * self.noise,
+            drift=ratio * self.drift,
         )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import cmath
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -37,6 +38,7 @@ from imotor_ros.errors import BadInputError
 # by which sensitivities are found.
 _CLEAR_ASYMMETRY = 0.03
 _GAIN_STEP = 1e-3
+_CLEAR_SCALE = 1e-6
 
 
 def identify(
@@ -45,6 +47,8 @@ def identify(
     slider: ChannelRecord,
     mass: float,
     parameters: IdentificationParameters | None = None,
+    *,
+    contact_scale: float = 1.0,
 ) -> Identification:
     """
     Identify the friction of a motor from a run with a stepped sine.
@@ -59,6 +63,9 @@ def identify(
         Mass of the slider (kg).
     parameters : IdentificationParameters, optional
         How to evaluate.
+    contact_scale : float
+        Contact force of the run over the nominal one, for which a friction law holds; the law
+        found is that of the run, and a warning tells of a difference.
 
     Raises
     ------
@@ -72,7 +79,11 @@ def identify(
     settings = parameters or IdentificationParameters()
     run = MeasuredRun(program, rod, slider, mass, settings)
     results, agreement = evaluate_steps(run)
-    return _conclude(run, results, agreement)
+    found = _conclude(run, results, agreement)
+    if abs(contact_scale - 1.0) < _CLEAR_SCALE:
+        return found
+    warning = f"the law is that at {contact_scale:.4g} times the nominal contact force"
+    return replace(found, warnings=(*found.warnings, warning))
 
 
 def _conclude(

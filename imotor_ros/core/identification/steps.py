@@ -159,7 +159,9 @@ class StepMeasurement:
         return np.abs(rod_gain * rod - abs(slider_gain) * slider)
 
 
-def fit_waveform(rod: Harmonics, slider: Harmonics) -> CornerWaveform:
+def fit_waveform(
+    rod: Harmonics, slider: Harmonics, agreement: complex = 1.0 + 0.0j
+) -> CornerWaveform:
     """
     Return the slider velocity over a period, with corners if its harmonics show any.
 
@@ -167,6 +169,8 @@ def fit_waveform(rod: Harmonics, slider: Harmonics) -> CornerWaveform:
     ----------
     rod, slider : Harmonics
         Measured velocities; the rod's tells where more than two corners are.
+    agreement : complex
+        Slider's over rod's first harmonic where the slider sticks: how the heads agree.
 
     """
     free = free_harmonics(slider.phasors.size)
@@ -174,8 +178,9 @@ def fit_waveform(rod: Harmonics, slider: Harmonics) -> CornerWaveform:
     if smooth.chi_square < smooth.freedom + _SIGNIFICANT * math.sqrt(2.0 * smooth.freedom):
         return smooth
     two = many = fit_corners(slider.phasors, slider.noise, free)
+    seen = rod.seen_as(agreement)
     for _ in range(_CROSSING_ROUNDS):
-        crossings = _crossings(rod, many, slider.noise)
+        crossings = _crossings(seen, many, slider.noise)
         if not 2 < crossings.size <= _MOST_CROSSINGS:
             return two
         many = fit_crossings(slider.phasors, slider.noise, free, crossings)
@@ -208,9 +213,9 @@ def measure_step(
     frequency: float,
     rod: Harmonics,
     slider: Harmonics,
-    waveform: CornerWaveform | None = None,
     *,
     slider_offset: float | None = None,
+    agreement: complex = 1.0 + 0.0j,
 ) -> StepMeasurement:
     """
     Return what a step tells.
@@ -223,14 +228,14 @@ def measure_step(
         Of the drive (Hz).
     rod, slider : Harmonics
         Measured velocities.
-    waveform : CornerWaveform, optional
-        The slider's, if it has been fitted already.
     slider_offset : float, optional
         Offset (m/s) of the slider's channel. Without it the slider is taken not to drift; the
         rod, which stays where it is, never does.
+    agreement : complex
+        Slider's over rod's first harmonic where the slider sticks: how the heads agree.
 
     """
-    curve = waveform or fit_waveform(rod, slider)
+    curve, seen = fit_waveform(rod, slider, agreement), rod.seen_as(agreement)
     mean = 0.0 if slider_offset is None else slider.mean - slider_offset
     slider_velocity = curve.velocity(_PHASES) + mean
     relative = np.abs(trigonometric_value(rod.phasors, _PHASES) - slider_velocity)
@@ -249,8 +254,8 @@ def measure_step(
         odd_harmonics=tuple(np.abs(slider.phasors[2::2] / first).tolist()),
         phase_noise=math.hypot(slider.noise / abs(first), rod.noise / abs(rod.phasors[0])),
         excess_harmonic=_excess(rod, slider, 2),
-        crossing_margin=_crossing_margin(curve, rod.phasors),
-        closest_approach=_closest_approach(rod, curve, slider.noise),
+        crossing_margin=_crossing_margin(curve, seen.phasors),
+        closest_approach=_closest_approach(seen, curve, slider.noise),
         rising_share=_rising_share(curve),
         drift=float(abs(slider.drift / first)),
         misfit=curve.misfit,
