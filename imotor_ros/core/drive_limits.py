@@ -54,7 +54,7 @@ class DriveLimits(Parameters):
         10.0, "largest current of the amplifier", unit="A", low=0.0, excludes_low=True
     )
     load_capacitance: float = parameter(
-        1.5901e-6, "capacitance by which a slope becomes a current: that at large signals",
+        1.6124e-6, "capacitance by which a slope becomes a current: that at large signals",
         unit="F", low=0.0, excludes_low=True,
     )  # fmt: skip
 

@@ -27,8 +27,8 @@ from imotor_ros.core.samples import Samples, checked_samples
 from imotor_ros.errors import BadInputError
 
 _SOURCE = (
-    "fitted to table 1: lag of 9 to 9.5 degrees from 24 to 40 V, and the voltages after iteration; "
-    "at small signals 2 to 3 % of stroke, 12 to 15 % at the full range, as data sheets state"
+    "fitted to table 1: lag from 24 to 40 V, and the voltages after iteration; loops of 2 % of the "
+    "stroke at small signals, 14 % at the full range, as data sheets state"
 )
 
 
@@ -95,15 +95,21 @@ class PlayHysteresis(Parameters):
     """
 
     proportional: float = parameter(
-        0.5395, "gain without memory, which is that at small signals", low=0.0,
+        0.5611, "gain without memory, which is that at small signals", low=0.0,
         excludes_low=True, source=_SOURCE,
     )  # fmt: skip
     thresholds: tuple[float, ...] = parameter(
-        (1.0, 2.0, 4.0, 8.0, 12.0, 16.0, 20.0, 28.0), "half plays, rising", unit="V", low=0.0,
-        excludes_low=True, source=_SOURCE,
+        (
+            0.7, 0.9, 1.2, 1.6, 2.0, 2.6, 3.4, 4.4,
+            5.6, 7.2, 9.4, 12.0, 16.0, 20.0, 26.0, 34.0,
+        ),
+        "half plays, rising", unit="V", low=0.0, excludes_low=True, source=_SOURCE,
     )  # fmt: skip
     weights: tuple[float, ...] = parameter(
-        (0.0302, 0.0108, 0.0680, 0.1521, 0.1182, 0.0971, 0.0631, 0.1268),
+        (
+            0.0102, 0.0076, 0.0087, 0.0070, 0.0036, 0.0043, 0.0201, 0.0263,
+            0.0246, 0.0705, 0.0768, 0.0838, 0.1079, 0.0703, 0.0690, 0.0843,
+        ),
         "weight of each play", low=0.0, source=_SOURCE,
     )  # fmt: skip
 

@@ -13,6 +13,7 @@ from imotor_ros.core.drive_limits import (
     program_demand,
     segment_demand,
 )
+from imotor_ros.core.motor import MotorParameters
 from imotor_ros.errors import BadInputError, DriveLimitError
 
 RATE = 1e6
@@ -158,9 +159,15 @@ def test_room_is_the_smaller_of_both_sides() -> None:
     assert LIMITS.room(50.0) == 70.0
     assert LIMITS.room(90.0) == 30.0
     assert LIMITS.room(130.0) == 0.0
-    assert LIMITS.largest_slope == pytest.approx(10.0 / 1.5901e-6)
+    assert LIMITS.largest_slope == pytest.approx(10.0 / 1.6124e-6)
 
 
 def test_demand_without_harmonics_is_that_of_the_offset() -> None:
     segment = DriveSegment("bias", 1000, 0.0, 0.0, 0.0, 50.0, (), (), ())
     assert segment_demand(segment, RATE) == DriveDemand(0.0, 50.0, pytest.approx(50e3))
+
+
+def test_default_limits_are_those_of_the_default_motor() -> None:
+    motor = MotorParameters().drive_limits
+    assert motor.load_capacitance == pytest.approx(LIMITS.load_capacitance, rel=1e-4)
+    assert motor.replace(load_capacitance=LIMITS.load_capacitance) == LIMITS
