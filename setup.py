@@ -37,7 +37,14 @@ setup(
     maintainer="imotor_ros maintainers",
     maintainer_email="maintainers@imotor-ros.invalid",
     packages=find_packages(include=[PACKAGE, f"{PACKAGE}.*"]),
-    package_data={PACKAGE: ["py.typed", "cli/campaign_report/*.css", "cli/campaign_report/*.js"]},
+    package_data={
+        PACKAGE: [
+            "py.typed",
+            "nodes/*.xml",
+            "cli/campaign_report/*.css",
+            "cli/campaign_report/*.js",
+        ]
+    },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{PACKAGE}"]),
         (f"share/{PACKAGE}", ["package.xml"]),

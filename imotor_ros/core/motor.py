@@ -10,6 +10,7 @@ The virtual motor: from the drive voltage to what rod and slider truly do.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import cast
 
@@ -21,12 +22,16 @@ from imotor_ros.core.channel import ChannelDescription, SampleFlag
 from imotor_ros.core.drive_limits import DriveLimits
 from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
 from imotor_ros.core.linear_systems import Complex
+from imotor_ros.core.lugre import LuGreFriction, LuGreStepper
 from imotor_ros.core.monitor import CurrentMonitorParameters, Monitor, VoltageMonitorParameters
 from imotor_ros.core.parameters import Parameters, choice, group
 from imotor_ros.core.samples import Samples, checked_sample_rate
 from imotor_ros.core.slider import LoadParameters, SliderParameters
 from imotor_ros.core.stator import Stator, StatorParameters
 from imotor_ros.core.stepping import SliderStepper
+
+MOTOR_FRICTION_LAWS: Mapping[str, type[Parameters]] = {**FRICTION_LAWS, "lugre": LuGreFriction}
+"""What the virtual motor knows beyond the models: a contact with a memory."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +41,7 @@ class MotorParameters(Parameters):
     amplifier: AmplifierParameters = group(AmplifierParameters)
     stator: StatorParameters = group(StatorParameters)
     slider: SliderParameters = group(SliderParameters)
-    friction: Parameters = choice("law", "velocity", FRICTION_LAWS)
+    friction: Parameters = choice("law", "velocity", MOTOR_FRICTION_LAWS)
     load: LoadParameters = group(LoadParameters)
     voltage_monitor: VoltageMonitorParameters = group(VoltageMonitorParameters)
     current_monitor: CurrentMonitorParameters = group(CurrentMonitorParameters)
@@ -127,8 +132,7 @@ class VirtualMotor:
         capacitance = parameters.stator.largest_capacitance
         self._amplifier = Amplifier(parameters.amplifier, rate, load_capacitance=capacitance)
         self._stator = Stator(parameters.stator, rate)
-        friction = cast("FrictionLaw", parameters.friction)
-        self._slider = SliderStepper(parameters.slider, parameters.load, friction, rate)
+        self._slider = _slider_stepper(parameters, rate)
         self._voltage_monitor = Monitor(parameters.voltage_monitor, rate, seed)
         self._current_monitor = Monitor(
             parameters.current_monitor, rate, seed, input_delay=self._stator.current_delay
@@ -211,3 +215,13 @@ class VirtualMotor:
             voltage_monitor_flags=drive_flags | voltage_flags,
             current_flags=drive_flags | current_flags,
         )
+
+
+def _slider_stepper(
+    parameters: MotorParameters, sample_rate: float
+) -> SliderStepper | LuGreStepper:
+    """Return what moves the slider, as its friction law needs it."""
+    slider, load, friction = parameters.slider, parameters.load, parameters.friction
+    if isinstance(friction, LuGreFriction):
+        return LuGreStepper(slider, load, friction, rate)
+    return SliderStepper(slider, load, cast("FrictionLaw", friction), rate)

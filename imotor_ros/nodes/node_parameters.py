@@ -18,7 +18,9 @@ from imotor_ros.nodes.vibrometer import VibrometerNodeParameters
 
 
 def _signal_generator(plan: RunPlan) -> NodeParameters:
-    return SignalGeneratorParameters(block_length=plan.parameters.stand.block_length)
+    return SignalGeneratorParameters(
+        block_length=plan.parameters.stand.block_length, awaits_recording=True
+    )
 
 
 def _plant(plan: RunPlan) -> NodeParameters:

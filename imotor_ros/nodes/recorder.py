@@ -27,6 +27,8 @@ from imotor_ros.errors import BadInputError, RecordingError
 from imotor_ros.nodes.message_types import message_class
 from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
 
+_LATCHED = {topic.name for topic in topics.ALL_TOPICS if topic.intent is topics.Intent.LATCHED}
+
 
 @dataclass(frozen=True)
 class RecorderParameters(NodeParameters):
@@ -67,7 +69,8 @@ class RecorderNode(StandNode[RecorderParameters]):
     Writes every topic of a run to a bag.
 
     Recording begins with the drive program. The bag is closed when every stream has come to the
-    program's end and the final indicators are in; at deactivation or shutdown at the latest.
+    program's end and the final indicators are in; at deactivation, at shutdown or with the next
+    program at the latest. What of a run comes before its program waits for it.
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
@@ -88,8 +91,9 @@ class RecorderNode(StandNode[RecorderParameters]):
             self.add_subscription(topic, self._receiver(topic), raw=True)
 
     def activate(self) -> None:
-        """Make ready for a run."""
+        """Make ready for a run: what is latched may have come before, samples may not."""
         self._done.clear()
+        self._early = deque(one for one in self._early if one[0] in _LATCHED)
 
     def deactivate(self) -> None:
         """Close the bag of a run that has not come to its end."""
@@ -120,25 +124,44 @@ class RecorderNode(StandNode[RecorderParameters]):
         def receive(data: bytes) -> None:
             now = time.time_ns()
             self._received += topic is not topics.DIAGNOSTICS
-            if self._role is None and topic is topics.DRIVE_PROGRAM:
-                self._open(data)
-            if self._role is None:
-                if topic is not topics.DIAGNOSTICS:
-                    self._early.append((topic.name, data, now))
-                return
-            self._add(topic.name, data, now)
+            if self.is_active and topic is topics.DRIVE_PROGRAM:
+                self._begin(data)
+            if self._role is not None:
+                self._add(topic.name, data, now)
+            elif topic is not topics.DIAGNOSTICS:
+                self._early.append((topic.name, data, now))
 
         return receive
 
-    def _open(self, data: bytes) -> None:
-        message = deserialize_message(data, DriveProgramMessage)
-        if message.run_id in self._done:
+    def _begin(self, data: bytes) -> None:
+        """Open the bag of the run whose program this is, unless it is open or was closed."""
+        program = program_from_message(deserialize_message(data, DriveProgramMessage))
+        if self._role is not None and self._role.program.run_id == program.run_id:
             return
-        program = program_from_message(message)
+        self._close(f"run {program.run_id} began")
+        if program.run_id in self._done:
+            return
+        path = Path(self.parameters.path or program.run_id).absolute()
+        try:
+            self._role = self._open(path, program)
+        except (BadInputError, OSError) as error:
+            self._done.add(program.run_id)
+            self._publish_state("FAILED", program, path, error=str(error))
+            raise
+        self.get_logger().info(f"recording run {program.run_id} to {path}")
+        self._publish_state("RECORDING", program, path)
+        early, self._early = self._early, deque()
+        for topic, earlier, received in early:
+            self._add(topic, earlier, received)
+
+    def _open(self, path: Path, program: DriveProgram) -> RecorderRole:
         settings = self.parameters
-        path = Path(settings.path or program.run_id).absolute()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        self._role = RecorderRole(
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            cause = error.strerror or str(error)
+            raise RecordingError(f"{path}: cannot be written: {cause}") from error
+        return RecorderRole(
             path,
             program,
             run_info=_read_json("run_info", settings.run_info),
@@ -148,11 +171,6 @@ class RecorderNode(StandNode[RecorderParameters]):
             namespace=self.get_namespace(),
             is_simulated=settings.is_simulated,
         )
-        self.get_logger().info(f"recording run {program.run_id} to {path}")
-        self._publish_state(self._state_code("RECORDING"))
-        early, self._early = self._early, deque()
-        for topic, earlier, received in early:
-            self._add(topic, earlier, received)
 
     def _add(self, topic: str, data: bytes, received: int) -> None:
         if self._role is None:
@@ -164,44 +182,30 @@ class RecorderNode(StandNode[RecorderParameters]):
     def _close(self, reason: str = "") -> None:
         if self._role is None:
             return
-        role = self._role
+        role, self._role = self._role, None
+        self._done.add(role.program.run_id)
+        counts = {"messages": role.messages, "lost": role.lost}
         try:
             role.close(reason)
         except RecordingError as error:
-            self._publish_state(self._state_code("FAILED"), str(error))
+            self._publish_state("FAILED", role.program, role.path, error=str(error), **counts)
             self.set_fault(str(error))
         else:
-            self._publish_state(self._state_code("CLOSED"))
-        self._done.add(role.program.run_id)
-        self._role = None
+            self._publish_state("CLOSED", role.program, role.path, **counts)
 
-    @staticmethod
-    def _state_code(name: str) -> int:
-        return int(getattr(message_class(topics.RECORDING.type_name), f"STATE_{name}"))
-
-    def _publish_state(self, state: int, error: str = "") -> None:
-        assert self._role is not None
+    def _publish_state(self, state: str, program: DriveProgram, path: Path, **details: Any) -> None:
         assert self._state is not None
-        role = self._role
-        program: DriveProgram = role.program
+        code = int(getattr(message_class(topics.RECORDING.type_name), f"STATE_{state}"))
         self._state.publish(
             recording_to_message(
-                self.types,
-                program.run_id,
-                program.epoch,
-                state,
-                str(role.path),
-                messages=role.messages,
-                lost=role.lost,
-                error=error,
+                self.types, program.run_id, program.epoch, code, str(path), **details
             )
         )
 
     def on_fault(self, reason: str) -> None:
         """Close the bag with what it has."""
+        self._close(reason)
         super().on_fault(reason)
-        if self._role is not None:
-            self._close(reason)
 
     def _on_commit_timer(self) -> None:
         if self._role is not None and not self.fault:

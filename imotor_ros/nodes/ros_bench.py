@@ -8,8 +8,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from imotor_msgs.msg import RecordingState
-
 from imotor_ros.bag.recover import recover
 from imotor_ros.campaign.bench import (
     DriveAdvanced,
@@ -22,7 +20,7 @@ from imotor_ros.contracts import graph
 from imotor_ros.contracts.graph import Role
 from imotor_ros.contracts.messages import performance_from_message
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
-from imotor_ros.errors import DriveFaultError, ImotorError, RecordingError
+from imotor_ros.errors import DriveFaultError, ImotorError
 from imotor_ros.nodes.node_parameters import parameters_of_nodes
 from imotor_ros.nodes.process import NodeProcess
 from imotor_ros.nodes.stand_client import PlayedProgram, StandClient
@@ -136,6 +134,7 @@ class RosBench:
         """Yield events until the program is played, evaluated and recorded."""
         yield from self._follow_drive(client, played, plan)
         if played.outcome != "completed":
+            client.check_faults()  # the cause, where the drive was not
             raise DriveFaultError(played.outcome)
         reported = 0
         while not client.is_recorded:
@@ -143,8 +142,7 @@ class RosBench:
             client.await_performance(reported, FINISH_TIMEOUT)
             client.check_faults()
         yield from _new_reports(client, reported)
-        if client.recordings[-1].state == RecordingState.STATE_FAILED:
-            raise RecordingError(client.recordings[-1].error)
+        client.check_faults()
 
     def _follow_drive(
         self, client: StandClient, played: PlayedProgram, plan: RunPlan

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from imotor_msgs.action import PlayProgram
+from imotor_msgs.msg import RecordingState
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
 from rclpy.clock import Clock, ClockType
@@ -17,7 +18,12 @@ from std_srvs.srv import Trigger
 
 from imotor_ros.campaign.roles.generator import GeneratorRole
 from imotor_ros.contracts.messages import program_from_message, program_to_message
-from imotor_ros.contracts.topics import DRIVE_PROGRAM, DRIVE_PROGRESS, DRIVE_VOLTAGE
+from imotor_ros.contracts.topics import (
+    DRIVE_PROGRAM,
+    DRIVE_PROGRESS,
+    DRIVE_VOLTAGE,
+    RECORDING,
+)
 from imotor_ros.core.parameters import parameter
 from imotor_ros.errors import ImotorError
 from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
@@ -37,6 +43,9 @@ class SignalGeneratorParameters(NodeParameters):
     progress_timeout: float = parameter(
         10.0, "longest wait for the plant to consume something", unit="s", low=0.1, high=3600.0
     )
+    awaits_recording: bool = parameter(
+        False, "whether the voltage waits until the recorder has opened the bag of the run"
+    )
 
 
 class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
@@ -44,7 +53,9 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
     Plays drive programs given by the action ``drive/play``.
 
     The goal is a DriveProgram; the feedback tells samples sent and consumed. Cancelling, or
-    the service ``drive/stop``, brings the voltage to zero by a ramp.
+    the service ``drive/stop``, brings the voltage to zero by a ramp. With the parameter
+    ``awaits_recording`` the program is announced at once, but played only when its bag is open:
+    nothing of the run is lost, and a motor is not driven for a run that cannot be recorded.
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
@@ -53,6 +64,7 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         self._finished: Future | None = None
         self._goal: ServerGoalHandle | None = None
         self._last_progress = 0.0
+        self._is_held = False
         self._program_publisher: Publisher | None = None
         self._action = ActionServer(
             self,
@@ -70,6 +82,7 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         self._program_publisher = self.add_publisher(DRIVE_PROGRAM)
         self.add_publisher(DRIVE_VOLTAGE)
         self.add_subscription(DRIVE_PROGRESS, self._on_progress)
+        self.add_subscription(RECORDING, self._on_recording)
 
     def deactivate(self) -> None:
         """End the program that is being played, if any."""
@@ -110,8 +123,12 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         """Take up a program; return why not, or nothing."""
         if not self.is_active:
             return "the signal generator is not active"
+        if self.fault:
+            return f"the signal generator has a fault: {self.fault}"
         if self._role is not None:
             return f"run {self._role.program.run_id} is being played"
+        if goal.is_cancel_requested:
+            return CANCELLED
         try:
             program = program_from_message(goal.request.program)
         except ImotorError as error:
@@ -119,6 +136,7 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         settings = self.parameters
         self._role = GeneratorRole(program, settings.block_length, settings.window)
         self._goal = goal
+        self._is_held = settings.awaits_recording
         self._last_progress = time.monotonic()
         self._announce()
         return ""
@@ -130,8 +148,25 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
 
     def _pump(self) -> None:
         """Send what may be sent."""
-        while self._role is not None and (block := self._role.next_block()) is not None:
-            self.publish_block(block)
+        if self._role is None or self._is_held:
+            return
+        try:
+            while (block := self._role.next_block()) is not None:
+                self.publish_block(block)
+        except ImotorError as error:
+            self.on_fault(str(error))
+
+    def _on_recording(self, message: Any) -> None:
+        """Let the voltage flow once the bag is open."""
+        role = self._role
+        if role is None or not self._is_held or message.run_id != role.program.run_id:
+            return
+        if message.state == RecordingState.STATE_FAILED:
+            self._end(f"recorder: {message.error}")
+        elif message.state == RecordingState.STATE_RECORDING:
+            self._is_held = False
+            self._last_progress = time.monotonic()
+            self._pump()
 
     def _on_progress(self, message: Any) -> None:
         role = self._role
@@ -177,7 +212,11 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
 
     def _on_watchdog(self) -> None:
         waited = time.monotonic() - self._last_progress
-        if self._role is not None and waited > self.parameters.progress_timeout:
+        if self._role is None or self.fault or waited < self.parameters.progress_timeout:
+            return
+        if self._is_held:
+            self.on_fault(f"the recorder has opened no bag for {waited:.1f} s")
+        else:
             self.on_fault(
                 f"the plant has consumed nothing for {waited:.1f} s "
                 f"(sent {self._role.sent} samples, consumed {self._role.consumed})"

@@ -6,7 +6,6 @@ import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
-import rclpy
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imotor_msgs.action import PlayProgram
@@ -21,15 +20,15 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from imotor_ros.contracts.messages import program_to_message, run_info_to_message
 from imotor_ros.contracts.topics import DIAGNOSTICS, PERFORMANCE, RECORDING, RUN_INFO
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.parameters import Parameters
-from imotor_ros.errors import BadInputError, DeadlineError, RunError
+from imotor_ros.errors import BadInputError, DeadlineError, RecordingError, RunError
 from imotor_ros.nodes.message_types import RclpyTypes
+from imotor_ros.nodes.middleware import join_graph
 from imotor_ros.nodes.parameters import parameter_values
 from imotor_ros.nodes.qos import qos_profile
 
@@ -77,7 +76,7 @@ class StandClient:
 
     def __init__(self, namespace: str, watch: Callable[[], None]) -> None:
         self._context = Context()
-        rclpy.init(context=self._context, signal_handler_options=SignalHandlerOptions.NO)
+        join_graph(self._context)
         self.node = Node("run_campaign", namespace=namespace, context=self._context)
         self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self.node)
@@ -170,10 +169,14 @@ class StandClient:
 
         Raises
         ------
+        RecordingError
+            If the recorder has failed.
         RunError
-            If one has.
+            If another node has a fault.
 
         """
+        if self.recordings and self.recordings[-1].state == RecordingState.STATE_FAILED:
+            raise RecordingError(self.recordings[-1].error)
         for node, fault in self._faults.items():
             if fault:
                 raise RunError(f"{node}: {fault}")

@@ -10,7 +10,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
@@ -19,7 +18,6 @@ from rclpy.duration import Duration
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 
 from imotor_ros.contracts.blocks import SampleBlock
@@ -28,6 +26,7 @@ from imotor_ros.contracts.topics import DEFAULT_NAMESPACE, DIAGNOSTICS, Intent, 
 from imotor_ros.core.parameters import Parameters, parameter
 from imotor_ros.errors import BadInputError, DeadlineError, ImotorError
 from imotor_ros.nodes.message_types import RclpyTypes, message_class
+from imotor_ros.nodes.middleware import join_graph
 from imotor_ros.nodes.parameters import ParameterBinding
 from imotor_ros.nodes.qos import qos_profile
 
@@ -70,8 +69,8 @@ P = TypeVar("P", bound=NodeParameters)
 _DRAIN_TIMEOUT = 5.0
 """Longest time (s) that a node goes on reading after it was told to end."""
 
-_QUIET_TIME = 0.1
-"""Time (s) without a message after which there is nothing left to read."""
+_QUIET_TIME = 0.2
+"""Time (s) without a message after which there is nothing left to read: some heartbeats."""
 
 
 class StandNode(LifecycleNode, Generic[P]):
@@ -109,6 +108,7 @@ class StandNode(LifecycleNode, Generic[P]):
         self.binding = ParameterBinding(self, parameters_class)
         self.fault = ""
         self.is_active = False
+        self.is_shut_down = False
         self._stream_publishers: dict[str, Publisher] = {}
         self._stream_subscriptions: dict[str, Subscription] = {}
         self._other_endpoints: list[Publisher | Subscription] = []
@@ -260,8 +260,7 @@ class StandNode(LifecycleNode, Generic[P]):
         """Run `deactivate`; what was sent goes on its way as long as the endpoints live."""
 
         def stop() -> None:
-            self.is_active = False
-            self.binding.is_locked = False
+            self._leave_active()
             self.deactivate()
 
         return self._attempt("deactivate", stop)
@@ -277,13 +276,24 @@ class StandNode(LifecycleNode, Generic[P]):
         return self._attempt("clean up", clean)
 
     def on_shutdown(self, _state: LifecycleState) -> TransitionCallbackReturn:
-        """Bring open work to its end."""
-        return self._attempt("shut down", self.finish)
+        """Bring open work to its end; the process ends then."""
+
+        def shut_down() -> None:
+            self._leave_active()
+            self.is_shut_down = True
+            self.finish()
+
+        return self._attempt("shut down", shut_down)
 
     def on_error(self, _state: LifecycleState) -> TransitionCallbackReturn:
         """Go back to unconfigured after an error."""
+        self._leave_active()
         self._destroy_endpoints()
         return TransitionCallbackReturn.SUCCESS
+
+    def _leave_active(self) -> None:
+        self.is_active = False
+        self.binding.is_locked = False
 
     def _attempt(self, what: str, action: Callable[[], None]) -> TransitionCallbackReturn:
         # rclpy swallows exceptions in transitions without a trace: report them here
@@ -384,7 +394,9 @@ class StandNode(LifecycleNode, Generic[P]):
 
 def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None = None) -> int:
     """
-    Run one node until SIGINT or SIGTERM, let it finish its work, and return the exit code.
+    Run one node until it is told to end, let it finish its work, and return the exit code.
+
+    SIGINT, SIGTERM and the lifecycle's shutdown all tell it to end.
 
     Parameters
     ----------
@@ -398,11 +410,7 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped_by.append(received))
     context = Context()
-    rclpy.init(
-        args=sys.argv if arguments is None else arguments,
-        context=context,
-        signal_handler_options=SignalHandlerOptions.NO,
-    )
+    join_graph(context, sys.argv if arguments is None else arguments)
     try:
         node = factory(context=context)
     except ImotorError as error:
@@ -412,7 +420,7 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:
-        while not stopped_by:
+        while not (stopped_by or node.is_shut_down):
             executor.spin_once(timeout_sec=0.1)
         _drain(node, executor)
     except ExternalShutdownException:

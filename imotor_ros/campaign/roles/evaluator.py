@@ -57,7 +57,9 @@ class EvaluatorRole:
 
     def add_block(self, block: SampleBlock) -> None:
         """Take a measured block."""
-        self._evaluator.add_samples(block.stream, block.first_index, block.samples, block.flags)
+        self._evaluator.add_samples(
+            block.stream, block.first_index, block.samples, block.flags, block.sample_rate
+        )
         self._ends[block.stream] = max(self._ends[block.stream], block.end_index)
 
     def reports(self) -> Iterator[Performance]:

@@ -37,7 +37,7 @@ class RecorderRole:
     program : DriveProgram
         The run.
     run_info, provenance : mapping
-        For the bag; see `RunWriter`.
+        For the bag; see `RunWriter`. Whoever gives run info also publishes it on run/info.
     topics : tuple of Topic
         Topics that are recorded; those that are streams must all come to their end.
     channel_count : int
@@ -81,7 +81,7 @@ class RecorderRole:
         self._order = MessageOrder(
             [*(topic.name for topic in streams), topics.PERFORMANCE.name],
             {
-                topics.RUN_INFO.name: 1,
+                topics.RUN_INFO.name: 1 if run_info else 0,
                 topics.DRIVE_PROGRAM.name: 1,
                 topics.CHANNELS.name: channel_count,
             },
@@ -209,11 +209,13 @@ class RecorderRole:
             If the bag could not be written.
 
         """
-        self._write(self._order.flush())
         if self.is_complete:
             state = CANCELLED if self._was_cut else COMPLETED
         else:
             state = f"{ABORTED}: {reason}" if reason else ABORTED
         result = None if self.performance is None else self.performance.to_mapping()
-        self._writer.close(state, result)
+        try:
+            self._write(self._order.flush())
+        finally:  # a bag that cannot take more is closed with what it has
+            self._writer.close(state, result)
         return state
