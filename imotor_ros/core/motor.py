@@ -217,9 +217,7 @@ class VirtualMotor:
         )
 
 
-def _slider_stepper(
-    parameters: MotorParameters, sample_rate: float
-) -> SliderStepper | LuGreStepper:
+def _slider_stepper(parameters: MotorParameters, rate: float) -> SliderStepper | LuGreStepper:
     """Return what moves the slider, as its friction law needs it."""
     slider, load, friction = parameters.slider, parameters.load, parameters.friction
     if isinstance(friction, LuGreFriction):
