@@ -13,7 +13,7 @@ import imotor_ros
 
 PACKAGES = ("numpy", "scipy", "numba", "rosbags", "rclpy", "rmw-fastrtps-cpp")
 
-_DISTRIBUTIONS = {"rclpy": "ros-jazzy-rclpy", "rmw-fastrtps-cpp": "ros-jazzy-rmw-fastrtps-cpp"}
+_DISTRIBUTIONS = {"rclpy": "ros-jazzy-rclpy", "rmw-fastrtps-cpp": "ros-rmw-fastrtps-cpp"}
 _GIT_TIMEOUT = 5.0
 
 

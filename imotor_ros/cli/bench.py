@@ -21,7 +21,9 @@ _FOLDER = Path(imotor_ros.__file__).parent.parent / "bench"
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the options of the verb."""
     parser.add_argument("name", nargs="?", metavar="NAME", help="which benchmark")
-    parser.add_argument("rest", nargs="*", metavar="ARGUMENT", help="for the benchmark")
+    parser.add_argument(
+        "rest", nargs=argparse.REMAINDER, metavar="ARGUMENT", help="for the benchmark"
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -34,6 +35,9 @@ from imotor_ros.cli.output import performance_table, print_json, table
 from imotor_ros.cli.progress import CampaignProgress
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.errors import BadInputError, ImotorError
+
+_LAST_DOMAIN = 232
+"""Highest ROS domain that has ports."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -119,7 +123,36 @@ def output_folder(campaign: Campaign, options: argparse.Namespace) -> Path:
         raise BadInputError(
             "holds results already", where=str(output), bound="a new folder, or --resume"
         )
+    for point in campaign.points if not options.resume else ():
+        if (output / point.name).exists():
+            raise BadInputError(
+                "exists already", where=str(output / point.name), bound="a new folder, or --resume"
+            )
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(
+            f"cannot be made: {error.strerror}", where=str(output), bound="a folder to write in"
+        ) from error
     return output
+
+
+def _check_surroundings(namespace: str) -> None:
+    """Check what the middleware would only stumble over."""
+    from rclpy.exceptions import InvalidNamespaceException
+    from rclpy.validate_namespace import validate_namespace
+
+    domain = os.environ.get("ROS_DOMAIN_ID", "") or "0"
+    if not domain.isdigit() or int(domain) > _LAST_DOMAIN:
+        raise BadInputError(
+            "is no domain", where="ROS_DOMAIN_ID", value=domain, bound=f"0 to {_LAST_DOMAIN}"
+        )
+    try:
+        validate_namespace(namespace)
+    except InvalidNamespaceException as error:
+        raise BadInputError(
+            "is no namespace", where="--namespace", value=namespace, bound='one like "/stand"'
+        ) from error
 
 
 def make_bench(kind: str, output: Path, namespace: str = DEFAULT_NAMESPACE) -> Bench:
@@ -128,6 +161,7 @@ def make_bench(kind: str, output: Path, namespace: str = DEFAULT_NAMESPACE) -> B
         from imotor_ros.campaign.sim_bench import SimBench
 
         return SimBench()
+    _check_surroundings(namespace)
     from imotor_ros.nodes.ros_bench import RosBench
 
     return RosBench(output / "logs", namespace=namespace)
@@ -142,7 +176,13 @@ def carry_out(
         make_bench(options.bench, output, options.namespace) as bench,
         CampaignProgress() as progress,
     ):
-        events = run_campaign(campaign, bench, output, resume=options.resume, provenance=provenance)
+        events = run_campaign(
+            campaign,
+            bench,
+            output,
+            resume=options.resume,
+            provenance=lambda: {**provenance(), "bench": bench.name},
+        )
         try:
             for event in events:
                 progress.show(event)

@@ -18,6 +18,8 @@ from imotor_ros.core.signals import parabolic_sawtooth
 from imotor_ros.core.slider import LoadParameters, SliderParameters
 from imotor_ros.errors import BadInputError
 
+_MOST_PERIODS = 10_000_000
+
 _INDICATORS = ("mean_velocity", "ripple", "start_up_time", "durability", "force")
 
 
@@ -60,9 +62,12 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _predict(options: argparse.Namespace) -> Prediction:
-    if options.periods < 4:
+    if not 4 <= options.periods <= _MOST_PERIODS:
         raise BadInputError(
-            "is out of bounds", where="--periods", value=options.periods, bound=">= 4"
+            "is out of bounds",
+            where="--periods",
+            value=options.periods,
+            bound=f"4 to {_MOST_PERIODS}",
         )
     motion = parabolic_sawtooth(
         options.harmonics, options.stroke, maximum_frequency=options.max_frequency

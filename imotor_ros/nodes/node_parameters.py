@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Iterable
 
 from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.contracts import graph
 from imotor_ros.contracts.graph import Role, expected_readers
 from imotor_ros.core.parameters import Parameters
 from imotor_ros.nodes.evaluator import EvaluatorNodeParameters
@@ -81,7 +82,13 @@ def parameters_of_nodes(plan: RunPlan, roles: Iterable[Role]) -> dict[str, Param
 
     """
     roles = tuple(roles)
-    return {
+    parameters: dict[str, Parameters] = {
         role.name: _BY_NODE[role.name](plan).replace(expected_readers=expected_readers(role, roles))
         for role in roles
     }
+    recorder = parameters.get(graph.RECORDER.name)
+    if recorder is not None:
+        others = {n: p.to_mapping() for n, p in parameters.items() if p is not recorder}
+        with_nodes = json.dumps({**plan.provenance, "nodes": others})
+        parameters[graph.RECORDER.name] = recorder.replace(provenance=with_nodes)
+    return parameters

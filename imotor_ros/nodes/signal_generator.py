@@ -36,7 +36,7 @@ CANCELLED = "cancelled"
 class SignalGeneratorParameters(NodeParameters):
     """Parameters of the signal generator node."""
 
-    block_length: int = parameter(10_000, "samples in a block", low=1, high=1_000_000)
+    block_length: int = parameter(10_000, "samples in a block", low=1, high=10_000_000)
     window: int = parameter(
         8, "blocks that may be under way: sent, but not consumed", low=1, high=1000
     )
