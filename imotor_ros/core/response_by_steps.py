@@ -44,12 +44,15 @@ class SteppedResponse(NamedTuple):
         At the amplitude wanted, or less where that would be too much.
     amplitude : float
         The amplitude wanted (V).
+    velocity_range : float
+        Largest velocity (m/s) that the channel shows.
 
     """
 
     small: MeasuredResponse
     large: MeasuredResponse
     amplitude: float
+    velocity_range: float
 
 
 def measure_steps(
@@ -97,7 +100,7 @@ def measure_steps(
             break
         # an odd harmonic of a step that meets a resonance is not to be foreseen
         amplitudes = 0.5 * amplitudes
-    return SteppedResponse(small, steps.evaluate(recording, amplitudes), wanted)
+    return SteppedResponse(small, steps.evaluate(recording, amplitudes), wanted, channel.range)
 
 
 @dataclass(frozen=True)

@@ -54,7 +54,7 @@ class StatorParameters(Parameters):
     )  # fmt: skip
     damping_ratio: float = parameter(
         0.05, "damping ratio of the main mode", low=0.0, high=0.99,
-        source="assumed, as glued joints have; it lags as a delay does, which table 1 does not show",
+        source="assumed, as glued joints have; table 1 does not show what lags as a delay does",
     )  # fmt: skip
     second_mode_share: float = parameter(
         -0.04211, "share of the second mode in the static gain; 0: there is none", low=-10.0,

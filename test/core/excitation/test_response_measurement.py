@@ -145,7 +145,7 @@ def test_no_trial_leaves_the_range(make_rig: MakeRig, method: str) -> None:
 def test_amplitude_beyond_the_range_is_refused(make_rig: MakeRig, method: str) -> None:
     rig = make_rig("paper")
     parameters = ResponseParameters(method=method, amplitude=75.0)
-    with pytest.raises(DriveLimitError, match="75 V.*70 V"):
+    with pytest.raises(DriveLimitError, match=r"75 V.*70 V"):
         next(measure_response(rig.setting, parameters))
 
 
@@ -172,7 +172,7 @@ def test_response_between_its_points_is_that_of_the_mode(make_rig: MakeRig) -> N
 def test_response_refuses_frequencies_it_was_not_measured_at(make_rig: MakeRig) -> None:
     rig = make_rig("paper")
     response = carry_out(measure_response(rig.setting, ResponseParameters(points=4)), rig.play)
-    with pytest.raises(BadInputError, match="30000.*1000 to 20000 Hz"):
+    with pytest.raises(BadInputError, match=r"30000.*1000 to 20000 Hz"):
         response([5e3, 30e3])
 
 

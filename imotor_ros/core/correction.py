@@ -1,0 +1,89 @@
+"""
+From the wanted rod motion to the voltage, as section 6 of the paper does it.
+
+First the response at the harmonics is measured and the wanted motion passed through its inverse:
+the voltage of the linear model. Hysteresis spoils what comes of it; so the rod velocity is
+measured while that voltage is played, and the voltage changed by what is missing, over and over
+until amplitudes and phases are right. The first change uses the measured response alone; later
+ones also what the changes before have done (Broyden's method).
+"""
+
+from __future__ import annotations
+
+import math
+
+from imotor_ros.core.correction_parameters import CorrectionParameters
+from imotor_ros.core.correction_search import Broyden, MotionErrors, Search
+from imotor_ros.core.drive_setting import DriveSetting
+from imotor_ros.core.excitation import Excitation
+from imotor_ros.core.response_by_steps import measure_steps
+from imotor_ros.core.signals import HarmonicMotion
+from imotor_ros.core.trial import Procedure, Trial
+from imotor_ros.errors import ExcitationError
+
+__all__ = ["CorrectionParameters", "Excitation", "correct_excitation"]
+
+
+def correct_excitation(
+    setting: DriveSetting,
+    motion: HarmonicMotion,
+    parameters: CorrectionParameters,
+    *,
+    ramp_periods: float = 1.0,
+    is_corrected: bool = True,
+) -> Procedure[Excitation]:
+    """
+    Return the procedure that finds the voltage for a motion.
+
+    Parameters
+    ----------
+    setting : DriveSetting
+        How trials are driven.
+    motion : HarmonicMotion
+        Wanted displacement of the rod, with the cycles of the drive.
+    parameters : CorrectionParameters
+        When to be content.
+    ramp_periods : float
+        Length of the amplitude ramps, in periods of the fundamental.
+    is_corrected : bool
+        Whether to correct the voltage of the linear model, or only to try it.
+
+    Returns
+    -------
+    Procedure
+        Its trials need the channel "rod/velocity".
+
+    Raises
+    ------
+    DriveLimitError
+        If the motion needs more than motor, amplifier or vibrometer allow.
+    BadInputError
+        If the response at a harmonic cannot be measured.
+    ExcitationError
+        If the errors do not become small enough.
+
+    """
+    search = Search(setting, motion, parameters, ramp_periods, is_corrected)
+    response = yield from measure_steps(
+        setting,
+        [k * motion.fundamental_frequency for k in range(1, search.count + 1)],
+        parameters.response_amplitude,
+        settling_time=parameters.settling_time,
+        measuring_time=parameters.measuring_time,
+    )
+    search.check_velocity(response.velocity_range)
+    gains = search.gains(response)
+    voltage = search.linear_voltage(gains)
+    steps = Broyden(gains)
+    found: list[MotionErrors] = []
+    for cycle in range(parameters.cycle_limit + 1):
+        last = found[-1].largest if found else (math.nan, math.nan)
+        stage = f"cycle {cycle}" if cycle else "linear model"
+        recording = yield Trial(search.program(f"cycle-{cycle}", voltage), stage, cycle, *last)
+        moved = search.measure(recording)
+        found.append(search.errors(moved))
+        is_last = cycle == parameters.cycle_limit
+        if not is_corrected or search.is_content(found[-1], is_last=is_last):
+            return search.result(gains, voltage, found)
+        voltage = steps.next_voltage(voltage, moved.phasors, search.wanted)
+    raise ExcitationError(search.failure(found[-1]))
