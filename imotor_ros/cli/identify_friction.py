@@ -155,7 +155,7 @@ def _law_text(found: Identification, bag: Path) -> str:
     uncertain = found.calibration.uncertainties if found.calibration else {}
     for name, value in found.friction_mapping().items():
         note = ""
-        if name in fit.estimates and name != "exponent":
+        if name in fit.estimates:
             one = fit.estimates[name]
             note = (
                 f"  # {one.low:.5g} to {one.high:.5g}; calibration {uncertain.get(name, 0.0):.2g}"

@@ -6,9 +6,9 @@ the period. For a constant force and for a line that is the law at the mean spee
 (8) and (9) of the paper have it; for a curved law it is not. So every law is
 averaged over the speeds that the step really had,
 
-    F_i = force + slope mean(w_i) + excess mean(exp(-(w_i / v_s)^p)),
+    F_i = force + slope mean(w_i) + excess mean(exp(-(w_i / v_s)^2)),
 
-which is linear in all but v_s and p. Slope and excess are kept at 0 or above, as the laws want.
+which is linear in all but v_s. Slope and excess are 0 at least, as the laws want.
 
 Intervals come from a bootstrap over the steps: it needs no assumption on the noise, and widens
 where a law does not fit. They hold noise and misfit only; what a wrong calibration does is
@@ -41,7 +41,8 @@ STRIBECK = "stribeck"
 FEWEST_STEPS = 6
 """Steps below which nothing is fitted."""
 
-_DECAY_COUNT = 60
+_DECAY_COUNT = 120
+_EXPONENT = 2  # a Gaussian and an exponential decay are not told apart
 _LEAST_DECAY = 5e-4
 _CLOSE = 2.0  # difference of the criterion below which the simpler law is taken
 
@@ -145,7 +146,7 @@ class FrictionFit:
             static_force=values["static_force"],
             slope=values["slope"],
             decay_velocity=values["decay_velocity"],
-            exponent=round(values["exponent"]),
+            exponent=_EXPONENT,
         )
 
 
@@ -216,6 +217,11 @@ def fit_laws(steps: SlidingSteps, bootstrap: Bootstrap) -> dict[str, FrictionFit
     }
 
 
+def fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap) -> FrictionFit:
+    """Fit the law with a Stribeck part alone; see `fit_laws`."""
+    return _fit_stribeck(steps, bootstrap, bootstrap.counts(steps.forces.size))
+
+
 def choose(fits: Mapping[str, FrictionFit]) -> FrictionFit:
     """
     Return the simplest fit whose information criterion is within 2 of the lowest.
@@ -275,21 +281,21 @@ def _solve(matrix: Array, forces: Array, counts: Array) -> Array:
 
 @dataclass(frozen=True)
 class _StribeckGrid:
-    """Columns mean(exp(-(w / v_s)^p)) for many v_s and both exponents."""
+    """Decay velocities (m/s), and mean(exp(-(w / v_s)^2)) of every step for each of them."""
 
     decays: Array
-    exponents: NDArray[np.int64]
-    columns: Array  # shape (candidates, steps)
+    columns: Array  # shape (decays, steps)
 
 
 def _grid_for(steps: SlidingSteps) -> _StribeckGrid:
-    fastest = max(float(steps.speeds.max()), 4.0 * _LEAST_DECAY)
-    decays = np.geomspace(_LEAST_DECAY, 0.5 * fastest, _DECAY_COUNT)
-    pairs = [(decay, exponent) for exponent in (1, 2) for decay in decays]
-    columns = [np.exp(-((steps.speeds / v) ** p)).mean(axis=1) for v, p in pairs]
-    return _StribeckGrid(
-        np.array([v for v, _ in pairs]), np.array([p for _, p in pairs]), np.array(columns)
-    )
+    # an excess that decays slower than that is a bent line
+    slowest = max(float(steps.mean_speeds.max()), 4.0 * _LEAST_DECAY)
+    decays = np.geomspace(_LEAST_DECAY, slowest, _DECAY_COUNT)
+    return _StribeckGrid(decays, np.array([_decayed(steps.speeds, decay) for decay in decays]))
+
+
+def _decayed(speeds: Array, decay: float) -> Array:
+    return np.asarray(np.exp(-((speeds / decay) ** _EXPONENT)).mean(axis=1))
 
 
 def _fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap, counts: Array) -> FrictionFit:
@@ -308,11 +314,8 @@ def _fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap, counts: Array) -> F
         for name, (value, values) in columns.items()
     }
     estimates["zero_speed_force"] = estimates["static_force"]
-    exponent = float(found[4])
-    estimates["exponent"] = Estimate(exponent, exponent, exponent)
-    speeds = steps.speeds
-    decayed = np.exp(-((speeds / found[3]) ** found[4])).mean(axis=1)
-    fitted = found[0] + found[1] * speeds.mean(axis=1) + found[2] * decayed
+    decayed = _decayed(steps.speeds, float(found[3]))
+    fitted = found[0] + found[1] * steps.mean_speeds + found[2] * decayed
     residuals = steps.forces - fitted
     return FrictionFit(STRIBECK, estimates, residuals, _information(residuals, 4), _remark(found))
 
@@ -327,21 +330,20 @@ def _remark(found: Array) -> str:
 
 def _best(steps: SlidingSteps, grid: _StribeckGrid, counts: Array) -> Array:
     """
-    Return force, slope, excess, decay velocity and exponent for each row of counts.
+    Return force, slope, excess and decay velocity for each row of counts.
 
     For each decay the three linear parameters follow from one small system; where slope or
     excess would be negative, it is 0 and the others are solved again.
     """
     best = np.full(len(counts), np.inf)
-    found = np.zeros((len(counts), 5))
+    found = np.zeros((len(counts), 4))
     total = counts @ steps.forces**2
-    for decay, exponent, column in zip(grid.decays, grid.exponents, grid.columns, strict=True):
+    for decay, column in zip(grid.decays, grid.columns, strict=True):
         matrix = np.column_stack([np.ones_like(column), steps.mean_speeds, column])
         linear, square = _not_negative(matrix, steps.forces, counts, total)
         is_better = square < best * (1.0 - 1e-12)
         best[is_better] = square[is_better]
-        found[is_better, :3] = linear[is_better]
-        found[is_better, 3], found[is_better, 4] = decay, exponent
+        found[is_better, :3], found[is_better, 3] = linear[is_better], decay
     return found
 
 
@@ -353,7 +355,7 @@ def _not_negative(matrix: Array, forces: Array, counts: Array, total: Array) -> 
         columns = matrix[:, kept]
         part = _solve(columns, forces, counts)
         square = total - np.sum(part * (counts @ (columns * forces[:, None])), axis=1)
-        is_valid = np.all(part[:, 1:] >= 0.0, axis=1) & (square < best)
+        is_valid = (part[:, 0] > 0.0) & np.all(part[:, 1:] >= 0.0, axis=1) & (square < best)
         best[is_valid] = square[is_valid]
         chosen[is_valid] = 0.0
         for place, index in enumerate(kept):

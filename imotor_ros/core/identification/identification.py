@@ -15,10 +15,12 @@ import numpy as np
 
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.identification.break_away import BreakAway, Transition, estimate_break_away
+from imotor_ros.core.identification.correction import correct_stribeck
 from imotor_ros.core.identification.evaluation import MeasuredRun, evaluate_steps
 from imotor_ros.core.identification.fits import (
     COULOMB,
     FEWEST_STEPS,
+    STRIBECK,
     Bootstrap,
     Estimate,
     FrictionFit,
@@ -98,8 +100,13 @@ def _conclude(
     if not reason:
         steps = _sliding_steps(run, fitted)
         settings = run.parameters
-        fits = fit_laws(steps, Bootstrap(settings.draws, settings.confidence, settings.seed))
+        bootstrap = Bootstrap(settings.draws, settings.confidence, settings.seed)
+        fits = fit_laws(steps, bootstrap)
         chosen = choose(fits).law
+        if chosen == STRIBECK:
+            fits[chosen] = correct_stribeck(
+                fitted, steps, fits[chosen], bootstrap, run.mass, run.frequency
+            )
         hysteresis = _hysteresis(run, results, fits[chosen])
         calibration = _calibration(run, fitted, chosen, agreement)
         warnings += [fits[chosen].remark] if fits[chosen].remark else []
@@ -168,7 +175,7 @@ def _calibration(
 
     def values(rod_gain: float, slider_gain: float) -> dict[str, float]:
         fit = fit_laws(_sliding_steps(run, fitted, rod_gain, slider_gain), single)[chosen]
-        return {name: one.value for name, one in fit.estimates.items() if name != "exponent"}
+        return {name: one.value for name, one in fit.estimates.items()}
 
     up, down = 1.0 + _GAIN_STEP, 1.0 - _GAIN_STEP
     middle = values(1.0, 1.0)

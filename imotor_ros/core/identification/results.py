@@ -153,7 +153,7 @@ class Identification:
         values: dict[str, Any] = {"law": fit.law}
         for name, one in fit.estimates.items():
             if name != "zero_speed_force":
-                values[name] = round(one.value) if name == "exponent" else _rounded(one.value)
+                values[name] = _rounded(one.value)
         values["break_away_force"] = 0.0
         zero = fit.estimates["zero_speed_force"]
         if more and more.is_clear and more.force and more.force.low > max(zero.high, zero.value):
