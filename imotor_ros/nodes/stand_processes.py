@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 from collections.abc import Mapping
 from pathlib import Path
-from types import TracebackType
-from typing import Self
+from types import FrameType, TracebackType
+from typing import Any, Self
 
 from imotor_ros.contracts.graph import Role
 from imotor_ros.core.parameters import Parameters
@@ -50,6 +52,8 @@ class StandProcesses:
         self.processes: dict[str, NodeProcess] = {}
         paths = {role.executable: find_executable(role.executable) for role in roles}
         self._are_configured = False
+        self._is_interrupted = False
+        self._handler = self._take_interrupts()
         self.client = StandClient(namespace, self.check)
         try:
             self.client.refuse_occupied_namespace()
@@ -70,16 +74,37 @@ class StandProcesses:
         """Names of the nodes."""
         return [role.name for role in self.roles]
 
+    def _take_interrupts(self) -> Any:
+        """
+        Note a Ctrl-C, and raise it at the next check: elsewhere it could be swallowed.
+
+        Python drops an exception that is raised in a callback, as those after a fork are.
+        """
+        if threading.current_thread() is not threading.main_thread():
+            return None
+        return signal.signal(signal.SIGINT, self._on_interrupt)
+
+    def _on_interrupt(self, _number: int, _frame: FrameType | None) -> None:
+        self._is_interrupted = True
+
+    def _raise_interrupt(self) -> None:
+        if self._is_interrupted:
+            self._is_interrupted = False
+            raise KeyboardInterrupt
+
     def check(self) -> None:
         """
-        Check that every node is still there.
+        Check that every node is still there, and that nobody wants to stop.
 
         Raises
         ------
         NodeDiedError
             If one has ended.
+        KeyboardInterrupt
+            If there was a Ctrl-C since.
 
         """
+        self._raise_interrupt()
         for process in self.processes.values():
             process.check()
 
@@ -119,6 +144,10 @@ class StandProcesses:
         """Stop all nodes; those that do not listen are killed."""
         stop_processes(self.processes.values(), STOP_TIMEOUT)
         self.client.close()
+        if self._handler is not None:
+            signal.signal(signal.SIGINT, self._handler)
+            self._handler = None
+        self._raise_interrupt()
 
     def __enter__(self) -> Self:
         """Return the group."""
