@@ -16,6 +16,7 @@ from imotor_ros.core.channel import ChannelDescription
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.evaluator import EvaluatorParameters
 from imotor_ros.core.parameters import group, parameter
+from imotor_ros.errors import BadInputError
 from imotor_ros.nodes.run_follower import RunFollowerNode
 from imotor_ros.nodes.stand_node import NodeParameters, run_node
 
@@ -36,6 +37,19 @@ class EvaluatorNodeParameters(NodeParameters):
     def channel_names(self) -> tuple[str, ...]:
         """Names of the channels."""
         return tuple(self.channels.split())
+
+    def check(self) -> None:
+        """Check that there are such channels."""
+        super().check()
+        known = [topic.name for topic in MEASURED_TOPICS]
+        for name in self.channel_names:
+            if name not in known:
+                raise BadInputError(
+                    "is not a measured channel",
+                    where="channels",
+                    value=name,
+                    bound="some of " + ", ".join(known),
+                )
 
 
 class EvaluatorNode(RunFollowerNode[EvaluatorNodeParameters]):

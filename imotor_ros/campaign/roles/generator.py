@@ -5,6 +5,7 @@ from __future__ import annotations
 from imotor_ros.contracts import topics
 from imotor_ros.contracts.blocks import SampleBlock, sample_time
 from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.drive_limits import DriveLimits
 from imotor_ros.errors import BadInputError
 
 
@@ -20,10 +21,25 @@ class GeneratorRole:
         Samples in a block.
     window : int
         Blocks that may be under way: sent, but not consumed.
+    limits : DriveLimits
+        What may be sent at all; by default what the paper's motor allows.
+
+    Raises
+    ------
+    DriveLimitError
+        If the program needs more than the limits allow.
 
     """
 
-    def __init__(self, program: DriveProgram, block_length: int, window: int) -> None:
+    def __init__(
+        self,
+        program: DriveProgram,
+        block_length: int,
+        window: int,
+        limits: DriveLimits | None = None,
+    ) -> None:
+        self.limits = limits or DriveLimits()
+        self.limits.check_program(program)
         self.program = program
         self.sent = 0
         self.consumed = 0
@@ -38,9 +54,17 @@ class GeneratorRole:
         return self.consumed >= self.program.length
 
     def next_block(self) -> SampleBlock | None:
-        """Return the next block, or None if nothing may be sent for now."""
+        """
+        Return the next block, or None if nothing may be sent for now.
+
+        Raises
+        ------
+        DriveLimitError
+            If a sample of it is out of range, in spite of the program's check.
+
+        """
         count = min(self._block_length, self.program.length - self.sent)
-        if count <= 0 or self.sent - self.consumed >= self._allowance:
+        if count <= 0 or self.sent + count - self.consumed > self._allowance:
             return None
         program = self.program
         block = SampleBlock(
@@ -52,7 +76,7 @@ class GeneratorRole:
             sample_rate=program.sample_rate,
             unit="V",
             flags=0,
-            samples=program.render(self.sent, count),
+            samples=self.limits.contain(program.render(self.sent, count), program.run_id),
         )
         self._sequence += 1
         self.sent += count
@@ -78,7 +102,11 @@ class GeneratorRole:
         self.consumed = consumed
 
     def stop(self) -> DriveProgram:
-        """Cut the program at the next sample to be sent, bring the voltage to zero, return it."""
+        """
+        Cut the program at the next sample to be sent, bring the voltage to zero, return it.
+
+        Whatever the program's limits are, a stop keeps to them: see `DriveLimits.check_program`.
+        """
         if not self.is_stopping:
             self.is_stopping = True
             self.program = self.program.stopped_at(self.sent)
