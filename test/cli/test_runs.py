@@ -1,7 +1,8 @@
-"""The verbs around runs and bags: run, demo, evaluate, info, recover; replay is in test/nodes."""
+"""The verbs around runs and bags: run, demo, evaluate, info, recover, replay."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import shutil
 import threading
@@ -13,6 +14,7 @@ import pytest
 
 from imotor_ros.bag.evaluate import evaluate_bag
 from imotor_ros.campaign import sim_bench
+from imotor_ros.campaign.bench import PerformanceReported, PhaseEntered
 from imotor_ros.cli import demo
 from imotor_ros.core.indicators import Performance
 from imotor_ros.errors import DriveFaultError
@@ -213,8 +215,10 @@ def test_recover_mends_a_copy_that_was_cut(imotor: Imotor, bag: Path, tmp_path: 
     assert imotor("info", broken, "--json").json["end_state"] == "recovered"
 
 
-@pytest.mark.parametrize("verb", ["evaluate", "info", "recover"])
+@pytest.mark.parametrize("verb", ["evaluate", "info", "recover", "replay"])
 def test_what_is_no_bag_is_code_2(imotor: Imotor, verb: str, tmp_path: Path) -> None:
+    if verb == "replay":
+        pytest.importorskip("rclpy", reason="needs ROS 2")
     (tmp_path / "text").write_text("no bag")
     (tmp_path / "empty").mkdir()
     for name in ("nothing", "text", "empty"):
@@ -222,6 +226,43 @@ def test_what_is_no_bag_is_code_2(imotor: Imotor, verb: str, tmp_path: Path) -> 
             answer = imotor(verb, tmp_path / name, *extra)
             assert answer.code == 2
             assert str(tmp_path / name) in answer.error
+
+
+# ---- replay --------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def played(monkeypatch: pytest.MonkeyPatch, bag: Path) -> list[Performance]:
+    """Put the evaluation of the bag in place of the nodes; test/nodes replays on real ones."""
+    replay = pytest.importorskip("imotor_ros.nodes.replay", reason="needs ROS 2")
+    final = evaluate_bag(bag)
+    said = [dataclasses.replace(final, is_final=False), final]
+
+    def play(path: Path, logs: Path) -> Any:
+        assert logs.is_dir()
+        yield PhaseEntered("replay")
+        yield from map(PerformanceReported, said)
+
+    monkeypatch.setattr(replay, "replay", play)
+    return said
+
+
+def test_replay_prints_the_last_word_of_the_evaluator(
+    imotor: Imotor, bag: Path, played: list[Performance]
+) -> None:
+    answer = imotor("replay", bag, "--json")
+    assert answer.code == 0
+    assert answer.json == {"bag": str(bag), **played[-1].to_mapping()}
+    assert imotor("replay", bag).out == imotor("evaluate", bag).out
+
+
+def test_replay_without_a_word_is_code_1(
+    imotor: Imotor, bag: Path, played: list[Performance]
+) -> None:
+    played.clear()
+    answer = imotor("replay", bag, "--json")
+    assert answer.code == 1
+    assert answer.error == "the evaluator reported nothing"
 
 
 # ---- progress ------------------------------------------------------------------------------------
