@@ -21,11 +21,12 @@ import numpy as np
 
 from imotor_ros.core.friction import FrictionLaw, StribeckFriction
 from imotor_ros.core.identification.fits import (
+    STRIBECK,
     Bootstrap,
     Estimate,
     FrictionFit,
     SlidingSteps,
-    fit_stribeck,
+    fit_law,
 )
 from imotor_ros.core.identification.prediction import predict_slider
 from imotor_ros.core.identification.steps import StepMeasurement, fit_waveform
@@ -107,7 +108,8 @@ def correct_stribeck(
         for count in range(_ROUNDS):
             errors = [estimation_error(one, law, mass, frequency) for one in measurements]
             corrected = SlidingSteps(steps.speeds, steps.forces - np.array(errors))
-            found = fit_stribeck(corrected, bootstrap if count == _ROUNDS - 1 else single)
+            resampling = bootstrap if count == _ROUNDS - 1 else single
+            found = fit_law(STRIBECK, corrected, resampling)
             law = found.friction
         return found
 

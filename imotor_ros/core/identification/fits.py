@@ -209,17 +209,15 @@ def fit_laws(steps: SlidingSteps, bootstrap: Bootstrap) -> dict[str, FrictionFit
         Fits by law: constant, line, and with a Stribeck part.
 
     """
+    return {law: fit_law(law, steps, bootstrap) for law in (COULOMB, VELOCITY, STRIBECK)}
+
+
+def fit_law(law: str, steps: SlidingSteps, bootstrap: Bootstrap) -> FrictionFit:
+    """Fit one law, "coulomb", "velocity" or "stribeck"; see `fit_laws`."""
     counts = bootstrap.counts(steps.forces.size)
-    return {
-        COULOMB: _fit_straight(COULOMB, steps, bootstrap, counts),
-        VELOCITY: _fit_straight(VELOCITY, steps, bootstrap, counts),
-        STRIBECK: _fit_stribeck(steps, bootstrap, counts),
-    }
-
-
-def fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap) -> FrictionFit:
-    """Fit the law with a Stribeck part alone; see `fit_laws`."""
-    return _fit_stribeck(steps, bootstrap, bootstrap.counts(steps.forces.size))
+    if law == STRIBECK:
+        return _fit_stribeck(steps, bootstrap, counts)
+    return _fit_straight(law, steps, bootstrap, counts)
 
 
 def choose(fits: Mapping[str, FrictionFit]) -> FrictionFit:
@@ -268,10 +266,11 @@ def _fit_straight(
 
 def _solve(matrix: Array, forces: Array, counts: Array) -> Array:
     """Return least-squares parameters for each row of counts, shape (draws, parameters)."""
-    gram = np.einsum("dn,ni,nj->dij", counts, matrix, matrix, optimize=True)
+    size = matrix.shape[1]
+    products = (matrix[:, :, None] * matrix[:, None, :]).reshape(len(matrix), size * size)
+    gram = (counts @ products).reshape(-1, size, size)
     right = counts @ (matrix * forces[:, None])
     # a draw may by chance hold one and the same step only
-    size = matrix.shape[1]
     gram += 1e-12 * np.trace(gram, axis1=1, axis2=2)[:, None, None] * np.eye(size)
     return np.asarray(np.linalg.solve(gram, right[..., None])[..., 0])
 

@@ -26,6 +26,7 @@ from imotor_ros.core.identification.fits import (
     FrictionFit,
     SlidingSteps,
     choose,
+    fit_law,
     fit_laws,
     mean_difference,
 )
@@ -136,14 +137,17 @@ def _no_law(
             f"{len(bad)} of {len(results)} steps have bad samples, the first is step "
             f"{bad[0].step.number}: {bad[0].reason}"
         )
-    if len(fitted) < FEWEST_STEPS:
-        sliding = sum(one.regime == SLIDES for one in results)
-        return (
-            f"only {len(fitted)} of {len(results)} steps slide all the time at a mean relative "
-            f"speed of {run.parameters.threshold:g} m/s or more ({sliding} at any), at least "
-            f"{FEWEST_STEPS} are needed: drive with larger amplitudes"
-        )
-    return ""
+    if len(fitted) >= FEWEST_STEPS:
+        return ""
+    text = (
+        f"only {len(fitted)} of {len(results)} steps slide all the time at a mean relative speed "
+        f"of {run.parameters.threshold:g} m/s or more, at least {FEWEST_STEPS} are needed"
+    )
+    others = _by_reason(results)
+    if not others:
+        return f"{text}: drive with larger amplitudes"
+    worst = max(others, key=lambda one: len(others[one]))
+    return f"{text}; {len(others[worst])} are left out: {worst}"
 
 
 def _sliding_steps(
@@ -174,7 +178,7 @@ def _calibration(
     single = Bootstrap(draws=2)
 
     def values(rod_gain: float, slider_gain: float) -> dict[str, float]:
-        fit = fit_laws(_sliding_steps(run, fitted, rod_gain, slider_gain), single)[chosen]
+        fit = fit_law(chosen, _sliding_steps(run, fitted, rod_gain, slider_gain), single)
         return {name: one.value for name, one in fit.estimates.items()}
 
     up, down = 1.0 + _GAIN_STEP, 1.0 - _GAIN_STEP

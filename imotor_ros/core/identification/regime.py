@@ -60,9 +60,7 @@ class Agreement:
 def find_agreement(measurements: Sequence[StepMeasurement]) -> Agreement:
     """Return what the steps that stick have in common."""
     chosen = [one for one in measurements if one.excess_harmonic <= stick_tolerance(one)]
-    for _ in range(len(measurements)):
-        if not chosen:
-            return Agreement(1.0 + 0.0j, 0.0, 0)
+    while chosen:
         weights = [one.phase_noise**-2 for one in chosen]
         ratios = [_ratio(one) for one in chosen]
         mean = sum(w * r for w, r in zip(weights, ratios, strict=True)) / sum(weights)
@@ -72,7 +70,7 @@ def find_agreement(measurements: Sequence[StepMeasurement]) -> Agreement:
             return agreement
         # a step that slides moves the mean: it is left out, and all others are judged again
         chosen.remove(worst)
-    return agreement
+    return Agreement(1.0 + 0.0j, 0.0, 0)
 
 
 def classify(measurement: StepMeasurement, agreement: Agreement) -> str:

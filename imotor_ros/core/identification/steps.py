@@ -50,7 +50,7 @@ _SIGNIFICANT = 4.0
 
 # More than two corners are taken where the relative velocity shows them and they fit; corners
 # and relative velocity are found in turn.
-_CLEAR_MISFIT = 3.0
+_CLOSE_MISFIT = 0.5
 _MOST_CROSSINGS = 10
 _CROSSING_ROUNDS = 3
 
@@ -177,14 +177,29 @@ def fit_waveform(
     smooth = fit_smooth(slider.phasors, slider.noise, free)
     if smooth.chi_square < smooth.freedom + _SIGNIFICANT * math.sqrt(2.0 * smooth.freedom):
         return smooth
-    two = many = fit_corners(slider.phasors, slider.noise, free)
+    two = fit_corners(slider.phasors, slider.noise, free)
+    cut = fit_smooth(slider.phasors, slider.noise, slider.phasors.size)
     seen = rod.seen_as(agreement)
+    found = [_with_crossings(seen, slider, start, free) for start in (two, cut)]
+    best = min((one for one in found if one), key=lambda one: one.misfit, default=two)
+    return best if best.misfit < two.misfit + _CLOSE_MISFIT else two
+
+
+def _with_crossings(
+    rod: Harmonics, slider: Harmonics, start: CornerWaveform, free: int
+) -> CornerWaveform | None:
+    """
+    Return the slider velocity with a corner wherever the rod overtakes it; None if twice only.
+
+    Where that is depends on the slider velocity: it is found in rounds, from `start`.
+    """
+    found = start
     for _ in range(_CROSSING_ROUNDS):
-        crossings = _crossings(seen, many, slider.noise)
+        crossings = _crossings(rod, found, slider.noise)
         if not 2 < crossings.size <= _MOST_CROSSINGS:
-            return two
-        many = fit_crossings(slider.phasors, slider.noise, free, crossings)
-    return many if many.misfit < max(two.misfit, _CLEAR_MISFIT) else two
+            return None
+        found = fit_crossings(slider.phasors, slider.noise, free, crossings)
+    return found
 
 
 def _crossings(rod: Harmonics, slider: CornerWaveform, noise: float) -> Array:
