@@ -11,9 +11,11 @@ ones also what the changes before have done (Broyden's method).
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass, field
 
 from imotor_ros.core.correction_parameters import CorrectionParameters
 from imotor_ros.core.correction_search import Broyden, MotionErrors, Search
+from imotor_ros.core.drive_limits import DriveLimits
 from imotor_ros.core.drive_setting import DriveSetting
 from imotor_ros.core.excitation import Excitation
 from imotor_ros.core.response_by_steps import measure_steps
@@ -21,7 +23,59 @@ from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.core.trial import Procedure, Trial
 from imotor_ros.errors import ExcitationError
 
-__all__ = ["CorrectionParameters", "Excitation", "correct_excitation"]
+__all__ = ["CorrectionParameters", "Excitation", "ExcitationRequest", "correct_excitation"]
+
+
+@dataclass(frozen=True)
+class ExcitationRequest:
+    """
+    A motion for which a voltage is wanted.
+
+    Attributes
+    ----------
+    run_id : str
+        Name of the search; those of its trials begin with it.
+    epoch : int
+        Time of sample 0 of every trial (ns since 1970).
+    sample_rate : float
+        Samples per second (Hz).
+    motion : HarmonicMotion
+        Wanted displacement of the rod, with the cycles of the drive.
+    offset : float
+        Voltage (V) about which the harmonics swing.
+    bias_time : float
+        Time (s) taken to reach the offset and to leave it.
+    ramp_periods : float
+        Length of the amplitude ramps, in periods of the fundamental.
+    is_corrected : bool
+        Whether to correct the voltage of the linear model, or only to try it.
+    parameters : CorrectionParameters
+        When to be content.
+
+    """
+
+    run_id: str
+    epoch: int
+    sample_rate: float
+    motion: HarmonicMotion
+    offset: float
+    bias_time: float
+    ramp_periods: float = 1.0
+    is_corrected: bool = True
+    parameters: CorrectionParameters = field(default_factory=CorrectionParameters)
+
+    def procedure(self, limits: DriveLimits) -> Procedure[Excitation]:
+        """Return the procedure that finds the voltage within limits; see `correct_excitation`."""
+        setting = DriveSetting(
+            self.run_id, self.epoch, self.sample_rate, self.offset, self.bias_time, limits
+        )
+        return correct_excitation(
+            setting,
+            self.motion,
+            self.parameters,
+            ramp_periods=self.ramp_periods,
+            is_corrected=self.is_corrected,
+        )
 
 
 def correct_excitation(
