@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from types import TracebackType
 from typing import Protocol, Self
 
 from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.core.indicators import Performance
 
 
@@ -33,7 +34,26 @@ class PerformanceReported:
     performance: Performance
 
 
-RunEvent = PhaseEntered | DriveAdvanced | PerformanceReported
+@dataclass(frozen=True)
+class ExcitationAdvanced:
+    """
+    The search for the voltage has come to a new trial.
+
+    Attributes
+    ----------
+    stage : str
+        What it is for, e.g. "cycle 1".
+    amplitude_error, phase_error : float
+        Largest errors found so far (relative; rad), NaN before the first.
+
+    """
+
+    stage: str
+    amplitude_error: float
+    phase_error: float
+
+
+RunEvent = PhaseEntered | ExcitationAdvanced | DriveAdvanced | PerformanceReported
 
 
 class Bench(Protocol):
@@ -51,6 +71,23 @@ class Bench(Protocol):
         trace: TracebackType | None,
     ) -> None:
         """Stop everything."""
+
+    def excite(
+        self, plan: RunPlan, request: ExcitationRequest
+    ) -> Generator[RunEvent, None, Excitation]:
+        """
+        Find the voltage for a motion, yield what happens, and return it.
+
+        Nothing is recorded; `plan` says which stand is used.
+
+        Raises
+        ------
+        BadInputError
+            If the motion needs more than is allowed, with both values.
+        RunError
+            If no voltage is found.
+
+        """
 
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         """

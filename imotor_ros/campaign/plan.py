@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -14,11 +14,13 @@ from typing import Any
 from imotor_ros.campaign.campaign import NamedPoint
 from imotor_ros.campaign.point import DriveParameters, PointParameters
 from imotor_ros.core.drive import DriveProgram, steady_drive
-from imotor_ros.core.excitation import voltage_for_motion
+from imotor_ros.core.drive_limits import DriveLimits
+from imotor_ros.core.excitation import Excitation, voltage_for_motion
 from imotor_ros.core.identification.stepped_sine import (
     SteppedSineParameters,
     Voltage,
-    stepped_sine_drive,
+    linear_voltages,
+    stepped_drive,
 )
 from imotor_ros.core.motor import VirtualMotor
 from imotor_ros.core.signals import HarmonicMotion
@@ -51,6 +53,9 @@ class RunPlan:
         Folder for the bag and the logs of this run.
     provenance : mapping
         Versions, host and start of the run, for the bag.
+    excitation : Excitation or None
+        How the voltage of a steady drive was found; None where it was computed, or measured for
+        a drive of another kind.
 
     """
 
@@ -59,6 +64,7 @@ class RunPlan:
     program: DriveProgram
     directory: Path
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    excitation: Excitation | None = None
 
     @property
     def bag_path(self) -> Path:
@@ -72,12 +78,18 @@ class RunPlan:
             "run_id": self.program.run_id,
             "point": self.name,
             "parameters": self.parameters.to_mapping(),
+            "excitation": None if self.excitation is None else self.excitation.to_mapping(),
         }
 
     @property
     def run_info_json(self) -> str:
         """The same as text; equal for equal runs."""
         return json.dumps(self.run_info, sort_keys=True)
+
+    @property
+    def limits(self) -> DriveLimits:
+        """What the generator may send."""
+        return self.parameters.stand.motor.drive_limits
 
     def prepare_folder(self) -> None:
         """
@@ -108,9 +120,11 @@ def plan_run(
     point: NamedPoint, directory: Path, provenance: Mapping[str, Any] | None = None
 ) -> RunPlan:
     """
-    Return the plan of a point's run.
+    Return the plan of a point's run, before its voltage is measured.
 
-    The drive voltage is that which gives the wanted rod motion with the motor's linear response.
+    The drive voltage is that which gives the wanted rod motion with the response of the motor's
+    linear dynamics, as its parameters have it; `excite_run` replaces it by one that was found on
+    the bench.
 
     Raises
     ------
@@ -131,18 +145,35 @@ def drive_program(parameters: PointParameters, run_id: str) -> DriveProgram:
     """Return the drive program of a point; see `plan_run`."""
     rate = parameters.stand.sample_rate
     motor = VirtualMotor(parameters.stand.motor, rate, parameters.seed)
-    drive = parameters.drive
+    if isinstance(parameters.drive, SteppedSineParameters):
+        voltages = linear_voltages(parameters.drive, partial(_sine_voltage, motor))
+    else:
+        voltages = (voltage_for_motion(parameters.signal.motion, motor.displacement_response),)
+    return program_of(parameters, run_id, voltages)
+
+
+def program_of(
+    parameters: PointParameters, run_id: str, voltages: Sequence[Voltage]
+) -> DriveProgram:
+    """
+    Return the drive program of a point for voltages that are known.
+
+    Parameters
+    ----------
+    parameters : PointParameters
+        The point.
+    run_id : str
+        Name of the run.
+    voltages : sequence of Voltage
+        Amplitudes (V) and sine phases (rad) by harmonic: of the steady drive, or of every step.
+
+    """
+    drive, rate = parameters.drive, parameters.stand.sample_rate
     if isinstance(drive, SteppedSineParameters):
-        return stepped_sine_drive(
-            drive,
-            partial(_sine_voltage, motor),
-            run_id=run_id,
-            epoch=VIRTUAL_EPOCH,
-            sample_rate=rate,
-        )
+        return stepped_drive(drive, voltages, run_id=run_id, epoch=VIRTUAL_EPOCH, sample_rate=rate)
     assert isinstance(drive, DriveParameters)
     motion = parameters.signal.motion
-    amplitudes, phases = voltage_for_motion(motion, motor.displacement_response)
+    amplitudes, phases = voltages[0]
     return steady_drive(
         run_id=run_id,
         epoch=VIRTUAL_EPOCH,
@@ -161,7 +192,7 @@ def drive_program(parameters: PointParameters, run_id: str) -> DriveProgram:
 
 def _sine_voltage(motor: VirtualMotor, motion: HarmonicMotion) -> Voltage:
     """
-    Return the voltage of a step: here a correction by the measured rod motion finds its place.
+    Return the voltage of a step by the motor's parameters.
 
     The gain of a stator with hysteresis depends on the voltage, so that it is asked for again.
     """

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from imotor_ros.core.correction_parameters import CorrectionParameters
 from imotor_ros.core.evaluator import EvaluatorParameters
 from imotor_ros.core.identification.stepped_sine import SteppedSineParameters
 from imotor_ros.core.parameters import Parameters, choice, group, parameter
@@ -80,6 +81,13 @@ class PointParameters(Parameters):
     )
     signal: SignalParameters = group(SignalParameters)
     drive: Parameters = choice("kind", "steady", DRIVE_KINDS)
+    excitation: str = parameter(
+        "corrected",
+        "whether the voltage of the measured linear model is corrected by the measured motion",
+        options=("corrected", "linear"),
+        source="section 6",
+    )
+    correction: CorrectionParameters = group(CorrectionParameters)
     stand: StandParameters = group(StandParameters)
     evaluator: EvaluatorParameters = group(EvaluatorParameters)
 

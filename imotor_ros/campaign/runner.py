@@ -18,11 +18,13 @@ from typing import Any
 from imotor_ros.campaign.bench import Bench, PerformanceReported, RunEvent
 from imotor_ros.campaign.campaign import Campaign, NamedPoint
 from imotor_ros.campaign.conclusions import MeasuredPoint, draw_conclusions
+from imotor_ros.campaign.excite import excite_run
 from imotor_ros.campaign.plan import RunPlan, plan_run, run_id_of
 from imotor_ros.campaign.predictions import predict_point
 from imotor_ros.core.indicators import Performance
 from imotor_ros.errors import (
     BadInputError,
+    DriveLimitError,
     ImotorError,
     RecordingError,
     RunError,
@@ -197,12 +199,15 @@ def _run_point(
     performance: Performance | None = None
     error = ""
     try:
+        plan = yield from excite_run(plan, bench)
         for event in bench.run(plan):
             if isinstance(event, PerformanceReported) and event.performance.is_final:
                 performance = event.performance
             yield event
         if performance is None:
             raise RunError("the run ended without final indicators")
+    except DriveLimitError as caught:
+        error = str(caught)
     except BadInputError:  # what concerns the bench concerns all points
         raise
     except ImotorError as caught:

@@ -2,12 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from types import TracebackType
 from typing import Any, Self
 
+import numpy as np
+
 from imotor_ros.bag.types import BagTypes, installed_types
-from imotor_ros.campaign.bench import DriveAdvanced, PerformanceReported, PhaseEntered, RunEvent
+from imotor_ros.campaign.bench import (
+    DriveAdvanced,
+    ExcitationAdvanced,
+    PerformanceReported,
+    PhaseEntered,
+    RunEvent,
+)
 from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.campaign.roles.evaluator import EvaluatorRole
 from imotor_ros.campaign.roles.generator import GeneratorRole
@@ -25,7 +33,9 @@ from imotor_ros.contracts.messages import (
     run_info_to_message,
 )
 from imotor_ros.contracts.topics import Topic, topic_named
+from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.core.force_sensor import ForceSensor
+from imotor_ros.core.trial import Recording, Steps, Trial
 from imotor_ros.core.vibrometer import Vibrometer
 
 
@@ -46,6 +56,17 @@ class SimBench:
     ) -> None:
         """Do nothing: there is nothing to stop."""
 
+    def excite(
+        self, plan: RunPlan, request: ExcitationRequest
+    ) -> Generator[RunEvent, None, Excitation]:
+        """Find the voltage for a motion; see `Bench.excite`."""
+        search = Steps(request.procedure(plan.limits))
+        while search.trial is not None:
+            trial = search.trial
+            yield ExcitationAdvanced(trial.stage, trial.amplitude_error, trial.phase_error)
+            search.send(play_trial(trial, plan))
+        return search.result
+
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         """Carry out one run; see `Bench.run`."""
         plan.prepare_folder()
@@ -59,6 +80,38 @@ class SimBench:
         run.close()
 
 
+def play_trial(trial: Trial, plan: RunPlan) -> Recording:
+    """
+    Play a trial and return the rod velocity, as generator, plant and vibrometer make it.
+
+    Parameters
+    ----------
+    trial : Trial
+        What to play.
+    plan : RunPlan
+        The run whose stand it is played on.
+
+    """
+    stand, seed, program = plan.parameters.stand, plan.parameters.seed, trial.program
+    generator = GeneratorRole(program, stand.block_length, 1, plan.limits)
+    plant = PlantRole(stand.motor, seed, program)
+    name = topics.ROD_VELOCITY.name
+    head = Vibrometer(stand.rod_vibrometer, program.sample_rate, seed, name)
+    instrument = InstrumentRole(head, program)
+    parts, flags = [], 0
+    while (block := generator.next_block()) is not None:
+        moved = next(
+            one
+            for one in plant.process(block).blocks
+            if one.stream == topics.TRUE_ROD_VELOCITY.name
+        )
+        measured = instrument.process(moved)
+        generator.acknowledge(plant.consumed)
+        parts.append(measured.samples)
+        flags |= measured.flags
+    return Recording(program, {name: np.concatenate(parts)}, {name: head.channel}, {name: flags})
+
+
 class _SimRun:
     """One run: the roles, and the recorder that gets all messages."""
 
@@ -68,7 +121,7 @@ class _SimRun:
         self._program = plan.program
         rate = plan.program.sample_rate
         self._types: BagTypes = installed_types()
-        self._generator = GeneratorRole(plan.program, stand.block_length, 1)
+        self._generator = GeneratorRole(plan.program, stand.block_length, 1, plan.limits)
         self._plant = PlantRole(stand.motor, seed, plan.program)
         instruments: dict[Topic, Instrument] = {
             topics.TRUE_ROD_VELOCITY: Vibrometer(

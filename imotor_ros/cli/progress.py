@@ -15,7 +15,12 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from imotor_ros.campaign.bench import DriveAdvanced, PerformanceReported, PhaseEntered
+from imotor_ros.campaign.bench import (
+    DriveAdvanced,
+    ExcitationAdvanced,
+    PerformanceReported,
+    PhaseEntered,
+)
 from imotor_ros.campaign.runner import (
     CampaignEvent,
     CampaignFinished,
@@ -79,6 +84,8 @@ class CampaignProgress:
                 self._update(0.0, f"{self._title}: start")
             case PhaseEntered():
                 self._update(None, f"{self._title}: {event.phase}")
+            case ExcitationAdvanced():
+                self._update(None, f"{self._title}: {event.stage}")
             case DriveAdvanced():
                 self._update(event.consumed / max(1, event.length), None)
             case PerformanceReported():

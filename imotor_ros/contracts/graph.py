@@ -41,7 +41,10 @@ def _vibrometer(name: str, truth: Topic, measured: Topic) -> Role:
 
 
 SIGNAL_GENERATOR = Role(
-    "signal_generator", "signal_generator", (topics.DRIVE_VOLTAGE,), (topics.DRIVE_PROGRESS,)
+    "signal_generator",
+    "signal_generator",
+    (topics.DRIVE_VOLTAGE,),
+    (topics.DRIVE_PROGRESS, topics.ROD_VELOCITY),
 )
 PLANT = Role(
     "plant",
@@ -77,6 +80,9 @@ VIRTUAL_STAND = (
     RECORDER,
 )
 """The whole stand with the virtual motor."""
+
+CORRECTION = (SIGNAL_GENERATOR, PLANT, ROD_VIBROMETER)
+"""What has to be active while the generator finds a voltage."""
 
 
 def expected_readers(role: Role, roles: Iterable[Role]) -> str:

@@ -24,12 +24,12 @@ class CorrectionParameters(Parameters):
         source="section 6: typically one is sufficient",
     )  # fmt: skip
     suppressed_harmonics: int = parameter(
-        4, "further harmonics that hysteresis makes and the correction brings to rest", low=0,
+        8, "further harmonics that hysteresis makes and the correction brings to rest", low=0,
         high=64, source="assumed; the paper corrects none",
     )  # fmt: skip
     suppression_limit: float = parameter(
-        40e3, "highest frequency of such a harmonic", unit="Hz", low=0.0, high=1e6,
-        source="assumed: what amplifier and vibrometer manage",
+        60e3, "highest frequency of such a harmonic; a tenth of the sample rate at most", unit="Hz",
+        low=0.0, high=1e6, source="assumed: what amplifier and vibrometer manage",
     )  # fmt: skip
     suppression_tolerance: float = parameter(
         0.05, "largest velocity of such a harmonic over that of the largest wanted one", low=1e-4,

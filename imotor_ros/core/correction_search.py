@@ -58,7 +58,8 @@ class Search:
         wanted, settings = self.motion.harmonics, self.parameters
         if not self.is_corrected:
             return wanted
-        possible = math.floor(settings.suppression_limit / self.motion.fundamental_frequency)
+        highest = min(settings.suppression_limit, 0.1 * self.setting.sample_rate)
+        possible = math.floor(highest / self.motion.fundamental_frequency)
         return max(wanted, min(wanted + settings.suppressed_harmonics, possible))
 
     @property

@@ -83,6 +83,11 @@ class DriveLimits(Parameters):
         for segment in program.segments:
             where = f"{program.run_id}: {segment.label}"
             self.check_demand(segment_demand(segment, program.sample_rate), where)
+            first, _ = program.span(segment.label)
+            if first > 0:
+                last, voltage = program.render(first - 1, 2).tolist()
+                jump = abs(voltage - last) * program.sample_rate
+                self.check_demand(DriveDemand(0.0, 0.0, jump), f"start of {where}")
 
     def check_demand(self, demand: DriveDemand, where: str) -> None:
         """

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Mapping
 from dataclasses import dataclass, field
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 from imotor_ros.core.channel import ChannelDescription
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.samples import Samples
-from imotor_ros.errors import BadInputError
+from imotor_ros.errors import BadInputError, DriveLimitError, ExcitationError
 
 T = TypeVar("T")
 
@@ -90,9 +90,62 @@ class Recording:
 Procedure = Generator[Trial, Recording, T]
 
 
+class Steps(Generic[T]):
+    """
+    A procedure step by step, for who plays its trials.
+
+    Parameters
+    ----------
+    procedure : Procedure
+        What to carry out, fresh.
+
+    Attributes
+    ----------
+    trial : Trial or None
+        The one to be played; None once there is a result.
+
+    Raises
+    ------
+    DriveLimitError
+        If a limit is in the way of the next trial.
+    ExcitationError
+        If the procedure cannot use what was measured.
+
+    """
+
+    def __init__(self, procedure: Procedure[T]) -> None:
+        self._procedure = procedure
+        self._result: list[T] = []
+        self.trial: Trial | None = None
+        self._advance(None)
+
+    @property
+    def result(self) -> T:
+        """What the procedure has found; there must be no trial left."""
+        return self._result[0]
+
+    def send(self, recording: Recording) -> None:
+        """Give the recording of the trial, and go on to the next."""
+        self._advance(recording)
+
+    def _advance(self, recording: Recording | None) -> None:
+        try:
+            if recording is None:
+                self.trial = next(self._procedure)
+            else:
+                self.trial = self._procedure.send(recording)
+        except StopIteration as end:
+            self.trial, self._result = None, [end.value]
+        except DriveLimitError:
+            raise
+        except BadInputError as error:
+            # not the user's input is bad, but what was measured
+            raise ExcitationError(str(error)) from error
+
+
 def carry_out(procedure: Procedure[T], play: Callable[[Trial], Recording]) -> T:
     """
-    Carry out a procedure and return its result.
+    Carry out a procedure and return its result; see `Steps`.
 
     Parameters
     ----------
@@ -102,10 +155,7 @@ def carry_out(procedure: Procedure[T], play: Callable[[Trial], Recording]) -> T:
         Plays a trial and returns its recording.
 
     """
-    try:
-        trial = next(procedure)
-        while True:
-            trial = procedure.send(play(trial))
-    except StopIteration as end:
-        result: T = end.value
-        return result
+    steps = Steps(procedure)
+    while steps.trial is not None:
+        steps.send(play(steps.trial))
+    return steps.result

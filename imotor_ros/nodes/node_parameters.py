@@ -20,7 +20,9 @@ from imotor_ros.nodes.vibrometer import VibrometerNodeParameters
 
 def _signal_generator(plan: RunPlan) -> NodeParameters:
     return SignalGeneratorParameters(
-        block_length=plan.parameters.stand.block_length, awaits_recording=True
+        block_length=plan.parameters.stand.block_length,
+        awaits_recording=True,
+        limits=plan.limits,
     )
 
 

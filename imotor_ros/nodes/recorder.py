@@ -128,7 +128,7 @@ class RecorderNode(StandNode[RecorderParameters]):
                 self._begin(data)
             if self._role is not None:
                 self._add(topic.name, data, now)
-            elif topic is not topics.DIAGNOSTICS:
+            elif topic is not topics.DIAGNOSTICS and (self.is_active or topic.name in _LATCHED):
                 self._early.append((topic.name, data, now))
 
         return receive
@@ -137,6 +137,8 @@ class RecorderNode(StandNode[RecorderParameters]):
         """Open the bag of the run whose program this is, unless it is open or was closed."""
         program = program_from_message(deserialize_message(data, DriveProgramMessage))
         if self._role is not None and self._role.program.run_id == program.run_id:
+            return
+        if program.run_id != self._expected_run(program.run_id):
             return
         self._close(f"run {program.run_id} began")
         if program.run_id in self._done:
@@ -153,6 +155,10 @@ class RecorderNode(StandNode[RecorderParameters]):
         early, self._early = self._early, deque()
         for topic, earlier, received in early:
             self._add(topic, earlier, received)
+
+    def _expected_run(self, otherwise: str) -> str:
+        """Return the id of the run to record: a trial may have been played just before."""
+        return str(_read_json("run_info", self.parameters.run_info).get("run_id", otherwise))
 
     def _open(self, path: Path, program: DriveProgram) -> RecorderRole:
         settings = self.parameters

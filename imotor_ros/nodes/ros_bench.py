@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator, Mapping
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from types import TracebackType
@@ -20,7 +21,9 @@ from imotor_ros.contracts import graph
 from imotor_ros.contracts.graph import Role
 from imotor_ros.contracts.messages import performance_from_message
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
+from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.errors import DriveFaultError, ImotorError
+from imotor_ros.nodes.excitation_search import ExcitationSearch
 from imotor_ros.nodes.node_parameters import parameters_of_nodes
 from imotor_ros.nodes.process import NodeProcess
 from imotor_ros.nodes.stand_client import PlayedProgram, StandClient
@@ -28,6 +31,9 @@ from imotor_ros.nodes.stand_processes import STOP_TIMEOUT, StandProcesses
 
 STALL_TIMEOUT = 30.0
 """Longest wait (s) for the plant to consume anything."""
+
+TRIAL_TIMEOUT = 600.0
+"""Longest wait (s) for a trial of an excitation; the generator itself notices a stall sooner."""
 
 FINISH_TIMEOUT = 60.0
 """Longest wait (s) for evaluator and recorder to finish a run that was played."""
@@ -88,6 +94,58 @@ class RosBench:
             self._stand.stop()
             self._stand = None
 
+    def _started(self) -> Generator[RunEvent, None, StandProcesses]:
+        """Return the nodes; start them if there are none."""
+        if self._stand is None:
+            yield PhaseEntered("start nodes")
+            self._stand = StandProcesses(self._roles, self._logs, self._namespace)
+            self._stand.wait()
+        return self._stand
+
+    # ---- excitation ----------------------------------------------------------------------
+
+    def excite(
+        self, plan: RunPlan, request: ExcitationRequest
+    ) -> Generator[RunEvent, None, Excitation]:
+        """
+        Find the voltage for a motion; see `Bench.excite`.
+
+        The signal generator does, by its action; of the other nodes only those are active that
+        move the rod and measure it.
+        """
+        try:
+            search = yield from self._search(plan, request)
+        except BaseException:
+            self._stop_nodes()
+            raise
+        return search.excitation()
+
+    def _search(
+        self, plan: RunPlan, request: ExcitationRequest
+    ) -> Generator[RunEvent, None, ExcitationSearch]:
+        stand = yield from self._started()
+        client = stand.client
+        names = [role.name for role in graph.CORRECTION]
+        stand.activate(parameters_of_nodes(plan, self._roles), names)
+        search = client.search(request, STALL_TIMEOUT)
+        seen = 0
+        try:
+            while not search.is_done:
+                client.spin_until(
+                    partial(search.has_passed, seen), "the trial to end", TRIAL_TIMEOUT
+                )
+                client.check_faults()
+                while seen < len(search.steps):
+                    yield search.steps[seen]
+                    seen += 1
+        except (KeyboardInterrupt, GeneratorExit):
+            search.cancel()
+            with suppress(ImotorError, KeyboardInterrupt):
+                client.spin_until(lambda: search.is_done, "the search to end", STOP_TIMEOUT)
+            raise
+        stand.deactivate(names)
+        return search
+
     # ---- one run -------------------------------------------------------------------------
 
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
@@ -109,11 +167,8 @@ class RosBench:
             raise
 
     def _carry_out(self, plan: RunPlan) -> Iterator[RunEvent]:
-        if self._stand is None:
-            yield PhaseEntered("start nodes")
-            self._stand = StandProcesses(self._roles, self._logs, self._namespace)
-            self._stand.wait()
-        stand, client = self._stand, self._stand.client
+        stand = yield from self._started()
+        client = stand.client
         yield PhaseEntered("configure")
         plan.prepare_folder()
         client.begin_run(plan.program, plan.run_info_json)

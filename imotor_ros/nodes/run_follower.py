@@ -63,6 +63,8 @@ class RunFollowerNode(StandNode[P]):
             self._on_block(block)
 
     def _on_block(self, block: SampleBlock) -> None:
+        if not self.is_active:
+            return  # a trial, played by other nodes without this one
         if self.program is None or block.run_id != self.program.run_id:
             self._waiting.append(block)
         else:

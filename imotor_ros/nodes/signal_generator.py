@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass
 from typing import Any
 
-from imotor_msgs.action import PlayProgram
+from imotor_msgs.action import CorrectExcitation, PlayProgram
 from imotor_msgs.msg import RecordingState
 from rclpy.action import ActionServer, CancelResponse
 from rclpy.action.server import ServerGoalHandle
@@ -17,16 +17,30 @@ from rclpy.task import Future
 from std_srvs.srv import Trigger
 
 from imotor_ros.campaign.roles.generator import GeneratorRole
+from imotor_ros.contracts.excitation_messages import (
+    CORRECT_ACTION,
+    excitation_fields,
+    feedback_fields,
+    refusal_to_message,
+    request_from_message,
+)
 from imotor_ros.contracts.messages import program_from_message, program_to_message
 from imotor_ros.contracts.topics import (
+    CHANNELS,
     DRIVE_PROGRAM,
     DRIVE_PROGRESS,
     DRIVE_VOLTAGE,
     RECORDING,
+    ROD_VELOCITY,
 )
-from imotor_ros.core.parameters import parameter
-from imotor_ros.errors import ImotorError
+from imotor_ros.core.correction import Excitation
+from imotor_ros.core.drive import DriveProgram
+from imotor_ros.core.drive_limits import DriveLimits
+from imotor_ros.core.parameters import group, parameter
+from imotor_ros.core.trial import Steps
+from imotor_ros.errors import DriveFaultError, DriveLimitError, ImotorError
 from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
+from imotor_ros.nodes.trial_collector import TrialCollector
 
 COMPLETED = "completed"
 CANCELLED = "cancelled"
@@ -46,16 +60,20 @@ class SignalGeneratorParameters(NodeParameters):
     awaits_recording: bool = parameter(
         False, "whether the voltage waits until the recorder has opened the bag of the run"
     )
+    limits: DriveLimits = group(DriveLimits)
 
 
 class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
     """
-    Plays drive programs given by the action ``drive/play``.
+    Plays drive programs given by the action ``drive/play``, within the limits of the motor.
 
     The goal is a DriveProgram; the feedback tells samples sent and consumed. Cancelling, or
     the service ``drive/stop``, brings the voltage to zero by a ramp. With the parameter
     ``awaits_recording`` the program is announced at once, but played only when its bag is open:
     nothing of the run is lost, and a motor is not driven for a run that cannot be recorded.
+
+    The action ``drive/correct`` finds the voltage for a wanted rod motion: it plays trials and
+    measures what the rod did, by the topic rod/velocity. These are never recorded.
     """
 
     def __init__(self, *, context: Context | None = None, **options: Any) -> None:
@@ -73,6 +91,15 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
             execute_callback=self._on_play,
             cancel_callback=self._on_cancel,
         )
+        self._correction = ActionServer(
+            self,
+            CorrectExcitation,
+            CORRECT_ACTION,
+            execute_callback=self._on_correct,
+            cancel_callback=self._on_cancel,
+        )
+        self._collector: TrialCollector | None = None
+        self._is_correcting = False
         self._stop_service = self.create_service(Trigger, "drive/stop", self._on_stop)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watchdog = self.create_timer(0.2, self._on_watchdog, clock=steady)
@@ -83,6 +110,9 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         self.add_publisher(DRIVE_VOLTAGE)
         self.add_subscription(DRIVE_PROGRESS, self._on_progress)
         self.add_subscription(RECORDING, self._on_recording)
+        self.add_subscription(CHANNELS, self._on_channel)
+        # raw, because it is of no interest but in a correction; without one it need not be there
+        self.add_subscription(ROD_VELOCITY, self._on_rod_velocity, raw=True, is_awaited=False)
 
     def deactivate(self) -> None:
         """End the program that is being played, if any."""
@@ -101,45 +131,104 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         }
 
     async def _on_play(self, goal: ServerGoalHandle) -> PlayProgram.Result:
-        refusal = self._begin(goal)
-        outcome = refusal
-        if not refusal:
-            self._finished = Future()
-            self._pump()
-            outcome = await self._finished
-        consumed = self._role.consumed if self._role is not None and not refusal else 0
-        if not refusal:
-            self._role, self._goal, self._finished = None, None, None
-        if outcome == CANCELLED and goal.is_cancel_requested:
-            goal.canceled()
-        elif outcome in (COMPLETED, CANCELLED):
-            goal.succeed()
-        else:
+        outcome, role = self._why_not(goal), None
+        if not outcome:
+            try:
+                program = program_from_message(goal.request.program)
+                role = self._take_up(program)
+            except ImotorError as error:
+                outcome = str(error)
+        if role is not None:
+            self._goal = goal
+            self._is_held = self.parameters.awaits_recording
+            outcome = await self._play(role)
+            self._goal = None
+        _conclude(goal, outcome)
+        if outcome not in (COMPLETED, CANCELLED):
             self.get_logger().error(f"program not played: {outcome}")
-            goal.abort()
+        consumed = 0 if role is None else role.consumed
         return PlayProgram.Result(consumed=consumed, outcome=outcome)
 
-    def _begin(self, goal: ServerGoalHandle) -> str:
-        """Take up a program; return why not, or nothing."""
+    def _why_not(self, goal: ServerGoalHandle) -> str:
+        """Return why nothing can be played now, or nothing."""
         if not self.is_active:
             return "the signal generator is not active"
         if self.fault:
             return f"the signal generator has a fault: {self.fault}"
         if self._role is not None:
             return f"run {self._role.program.run_id} is being played"
-        if goal.is_cancel_requested:
-            return CANCELLED
-        try:
-            program = program_from_message(goal.request.program)
-        except ImotorError as error:
-            return str(error)
+        if self._is_correcting:
+            return "an excitation is being corrected"
+        return CANCELLED if goal.is_cancel_requested else ""
+
+    def _take_up(self, program: DriveProgram) -> GeneratorRole:
         settings = self.parameters
-        self._role = GeneratorRole(program, settings.block_length, settings.window)
-        self._goal = goal
-        self._is_held = settings.awaits_recording
+        return GeneratorRole(program, settings.block_length, settings.window, settings.limits)
+
+    async def _play(self, role: GeneratorRole) -> str:
+        """Play a program to its end, and return the outcome."""
+        self._role, self._finished = role, Future()
         self._last_progress = time.monotonic()
         self._announce()
-        return ""
+        self._pump()
+        outcome = str(await self._finished)
+        self._role, self._finished, self._is_held = None, None, False
+        return outcome
+
+    # ---- correction ----------------------------------------------------------------------
+
+    async def _on_correct(self, goal: ServerGoalHandle) -> CorrectExcitation.Result:
+        result = CorrectExcitation.Result(outcome=self._why_not(goal))
+        if not result.outcome:
+            self._is_correcting = True
+            try:
+                found = await self._search(goal)
+                result = CorrectExcitation.Result(**excitation_fields(self.types, found))
+                result.outcome = COMPLETED
+            except DriveLimitError as error:
+                result.outcome = str(error)
+                result.refusals = [refusal_to_message(self.types, error)]
+            except ImotorError as error:
+                result.outcome = str(error)
+            self._is_correcting, self._collector = False, None
+        _conclude(goal, result.outcome)
+        if result.outcome not in (COMPLETED, CANCELLED):
+            self.get_logger().warning(f"no excitation found: {result.outcome}")
+        return result
+
+    async def _search(self, goal: ServerGoalHandle) -> Excitation:
+        """
+        Play trial after trial until the voltage is found.
+
+        Raises
+        ------
+        ImotorError
+            If it is not found, or a trial does not come to its end.
+
+        """
+        request = request_from_message(goal.request)
+        search = Steps(request.procedure(self.parameters.limits))
+        while search.trial is not None:
+            goal.publish_feedback(CorrectExcitation.Feedback(**feedback_fields(search.trial)))
+            self._collector = TrialCollector(search.trial.program)
+            outcome = await self._play(self._take_up(search.trial.program))
+            if outcome != COMPLETED or goal.is_cancel_requested:
+                raise DriveFaultError(CANCELLED if goal.is_cancel_requested else outcome)
+            search.send(self._collector.recording())
+        return search.result
+
+    def _on_channel(self, message: Any) -> None:
+        if self._collector is not None:
+            self._collector.add_channel(message)
+            self._end_if_finished()
+
+    def _on_rod_velocity(self, data: bytes) -> None:
+        if self._collector is not None:
+            self._collector.add_block(data)
+            self._last_progress = time.monotonic()
+            self._end_if_finished()
+
+    # ---- playing -------------------------------------------------------------------------
 
     def _announce(self) -> None:
         assert self._role is not None
@@ -180,10 +269,19 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         if self._goal is not None:
             feedback = PlayProgram.Feedback(sent=role.sent, consumed=role.consumed)
             self._goal.publish_feedback(feedback)
-        if role.is_finished:
-            self._end(CANCELLED if role.is_stopping else COMPLETED)
-        else:
+        self._end_if_finished()
+        if not role.is_finished:
             self._pump()
+
+    def _end_if_finished(self) -> None:
+        """End the program once it is consumed, and in a trial measured as well."""
+        role, collector = self._role, self._collector
+        if role is None or not role.is_finished:
+            return
+        if role.is_stopping:
+            self._end(CANCELLED)
+        elif collector is None or collector.is_complete:
+            self._end(COMPLETED)
 
     def _end(self, outcome: str) -> None:
         if self._finished is not None and not self._finished.done():
@@ -216,11 +314,25 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
             return
         if self._is_held:
             self.on_fault(f"the recorder has opened no bag for {waited:.1f} s")
+        elif self._role.is_finished and self._collector is not None:
+            self.on_fault(
+                f"no rod velocity has come for {waited:.1f} s ({self._collector.progress})"
+            )
         else:
             self.on_fault(
                 f"the plant has consumed nothing for {waited:.1f} s "
                 f"(sent {self._role.sent} samples, consumed {self._role.consumed})"
             )
+
+
+def _conclude(goal: ServerGoalHandle, outcome: str) -> None:
+    """Bring a goal into the state that its outcome asks for."""
+    if outcome == CANCELLED and goal.is_cancel_requested:
+        goal.canceled()
+    elif outcome in (COMPLETED, CANCELLED):
+        goal.succeed()
+    else:
+        goal.abort()
 
 
 def main() -> int:

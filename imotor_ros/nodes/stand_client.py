@@ -8,7 +8,7 @@ from typing import Any
 
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from imotor_msgs.action import PlayProgram
+from imotor_msgs.action import CorrectExcitation, PlayProgram
 from imotor_msgs.msg import Performance as PerformanceMessage
 from imotor_msgs.msg import RecordingState, RunInfo
 from lifecycle_msgs.msg import State, Transition
@@ -22,11 +22,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.task import Future
 
+from imotor_ros.contracts.excitation_messages import CORRECT_ACTION, request_fields
 from imotor_ros.contracts.messages import program_to_message, run_info_to_message
 from imotor_ros.contracts.topics import DIAGNOSTICS, PERFORMANCE, RECORDING, RUN_INFO
+from imotor_ros.core.correction import ExcitationRequest
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.parameters import Parameters
 from imotor_ros.errors import BadInputError, DeadlineError, RecordingError, RunError
+from imotor_ros.nodes.excitation_search import ExcitationSearch
 from imotor_ros.nodes.message_types import RclpyTypes
 from imotor_ros.nodes.middleware import join_graph
 from imotor_ros.nodes.parameters import parameter_values
@@ -88,6 +91,7 @@ class StandClient:
         self.performances: list[PerformanceMessage] = []
         self.recordings: list[RecordingState] = []
         self._player = ActionClient(self.node, PlayProgram, "drive/play")
+        self._corrector = ActionClient(self.node, CorrectExcitation, CORRECT_ACTION)
         self._run_info = self.node.create_publisher(RunInfo, RUN_INFO.name, qos_profile(RUN_INFO))
         subscribe = self.node.create_subscription
         for topic, kind, callback in (
@@ -100,7 +104,8 @@ class StandClient:
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown(timeout_sec=1.0)
-        self._player.destroy()  # it would keep the node, and its name, in the graph
+        for client in (self._player, self._corrector):
+            client.destroy()  # it would keep the node, and its name, in the graph
         self.node.destroy_node()
         self._context.try_shutdown()
 
@@ -333,6 +338,28 @@ class StandClient:
         self._faults.clear()
         message = run_info_to_message(self._types, program.run_id, program.epoch, run_info_json)
         self._run_info.publish(message)
+
+    def search(self, request: ExcitationRequest, timeout: float) -> ExcitationSearch:
+        """
+        Have the signal generator find a voltage; return at once what stands for the search.
+
+        Raises
+        ------
+        DeadlineError
+            If the generator does not take the request.
+
+        """
+        self._faults.clear()
+        search = ExcitationSearch(request)
+        self.spin_until(
+            self._corrector.server_is_ready, f"the action {CORRECT_ACTION} of signal_generator",
+            timeout,
+        )  # fmt: skip
+        goal = CorrectExcitation.Goal(**request_fields(self._types, request))
+        accepted = self._corrector.send_goal_async(goal, feedback_callback=search.on_feedback)
+        self.spin_until(accepted.done, "signal_generator to take the request", timeout)
+        search.follow(accepted.result())
+        return search
 
     def play(self, program: DriveProgram, timeout: float) -> PlayedProgram:
         """

@@ -180,9 +180,28 @@ class StandNode(LifecycleNode, Generic[P]):
         return publisher
 
     def add_subscription(
-        self, topic: Topic, callback: Callable[[Any], None], *, raw: bool = False
+        self,
+        topic: Topic,
+        callback: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        is_awaited: bool = True,
     ) -> Subscription:
-        """Subscribe to a topic until clean-up; what the callback raises becomes a fault."""
+        """
+        Subscribe to a topic until clean-up; what the callback raises becomes a fault.
+
+        Parameters
+        ----------
+        topic : Topic
+            The topic.
+        callback : callable
+            Takes each message.
+        raw : bool
+            Whether it takes the serialised message.
+        is_awaited : bool
+            Whether activation waits for the writer of a stream.
+
+        """
         subscription = self.create_subscription(
             message_class(topic.type_name),
             topic.name,
@@ -190,7 +209,7 @@ class StandNode(LifecycleNode, Generic[P]):
             qos_profile(topic),
             raw=raw,
         )
-        if topic.intent is Intent.STREAM:
+        if topic.intent is Intent.STREAM and is_awaited:
             self._stream_subscriptions[self.subject(topic)] = subscription
         else:
             self._other_endpoints.append(subscription)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import FrameType, TracebackType
 from typing import Any, Self
@@ -120,9 +120,18 @@ class StandProcesses:
         """
         self.client.wait_for_nodes(self.names, START_TIMEOUT)
 
-    def activate(self, parameters: Mapping[str, Parameters]) -> None:
+    def activate(
+        self, parameters: Mapping[str, Parameters], names: Iterable[str] | None = None
+    ) -> None:
         """
         Give all nodes their parameters and activate them; the first time, configure them too.
+
+        Parameters
+        ----------
+        parameters : mapping
+            By node name.
+        names : iterable of str, optional
+            The nodes to be activated, if not all.
 
         Raises
         ------
@@ -134,11 +143,11 @@ class StandProcesses:
         if not self._are_configured:
             self.client.change_state(self.names, CONFIGURE, START_TIMEOUT)
             self._are_configured = True
-        self.client.change_state(self.names, ACTIVATE, START_TIMEOUT)
+        self.client.change_state(names or self.names, ACTIVATE, START_TIMEOUT)
 
-    def deactivate(self) -> None:
-        """Deactivate all nodes, so that they take parameters for another run."""
-        self.client.change_state(self.names, DEACTIVATE, START_TIMEOUT)
+    def deactivate(self, names: Iterable[str] | None = None) -> None:
+        """Deactivate all nodes, or some, so that they take parameters for another run."""
+        self.client.change_state(names or self.names, DEACTIVATE, START_TIMEOUT)
 
     def stop(self) -> None:
         """Stop all nodes; those that do not listen are killed."""

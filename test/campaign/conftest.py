@@ -2,16 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from typing import Any, Self
 
 import pytest
 
 from imotor_ros.campaign import runner
-from imotor_ros.campaign.bench import DriveAdvanced, PerformanceReported, PhaseEntered, RunEvent
+from imotor_ros.campaign.bench import (
+    DriveAdvanced,
+    ExcitationAdvanced,
+    PerformanceReported,
+    PhaseEntered,
+    RunEvent,
+)
 from imotor_ros.campaign.campaign import Campaign, campaign_from_mapping
 from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.core.indicators import Indicator, Performance, StreamCount
 
 
@@ -19,13 +27,14 @@ class InstantBench:
     """
     Makes the folder of a bag and reports a velocity that depends on the seed.
 
-    Points whose name is in `failures` raise what stands there.
+    Points whose name is in `failures` raise what stands there, those in `refusals` before.
     """
 
     name = "instant"
 
     def __init__(self, failures: dict[str, BaseException] | None = None) -> None:
         self.failures = failures or {}
+        self.refusals: dict[str, BaseException] = {}
         self.carried_out: list[str] = []
 
     def __enter__(self) -> Self:
@@ -33,6 +42,22 @@ class InstantBench:
 
     def __exit__(self, *_: object) -> None:
         pass
+
+    def excite(
+        self, plan: RunPlan, request: ExcitationRequest
+    ) -> Generator[RunEvent, None, Excitation]:
+        """Find that the voltage of the plan is right; `refusals` may hold another opinion."""
+        yield ExcitationAdvanced("linear model", math.nan, math.nan)
+        if plan.name in self.refusals:
+            raise self.refusals[plan.name]
+        hold = next(one for one in plan.program.segments if one.label == "hold")
+        count = len(hold.phases)
+        tone, nothing = (hold.end_amplitudes, hold.phases), (0.0,) * count
+        motion = request.motion
+        return Excitation(
+            motion.fundamental_frequency, motion.amplitudes, motion.phases, *tone, *tone, *tone,
+            nothing, nothing, nothing, (), 0, (0.0,), (0.0,),
+        )  # fmt: skip
 
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         self.carried_out.append(plan.name)

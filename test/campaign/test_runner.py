@@ -22,7 +22,14 @@ from imotor_ros.campaign.runner import (
     run_campaign,
 )
 from imotor_ros.core.indicators import Performance
-from imotor_ros.errors import BadInputError, NodeDiedError, RunError, UnreadableFileError
+from imotor_ros.errors import (
+    BadInputError,
+    DriveLimitError,
+    ExcitationError,
+    NodeDiedError,
+    RunError,
+    UnreadableFileError,
+)
 
 pytestmark = pytest.mark.usefixtures("quick_predictions")
 
@@ -46,7 +53,9 @@ def test_events_tell_the_whole_story_in_order(
     campaign = make_campaign(2)
     events = list(run_campaign(campaign, instant_bench(), output, provenance=lambda: {"host": "h"}))
     kinds = [type(event).__name__ for event in events]
-    point = ["PointStarted", "PhaseEntered", "DriveAdvanced"] + ["PerformanceReported"] * 2
+    excitation = ["PhaseEntered", "ExcitationAdvanced"]
+    run = ["PhaseEntered", "DriveAdvanced", *["PerformanceReported"] * 2]
+    point = ["PointStarted", *excitation, *run]
     assert kinds == ["CampaignStarted", *[*point, "PointFinished"] * 2, "CampaignFinished"]
     assert isinstance(events[0], CampaignStarted)
     assert (events[0].campaign, events[0].done_before) == (campaign, 0)
@@ -284,3 +293,19 @@ def test_results_of_a_bad_performance_are_refused(
     (output / "results.json").write_text(json.dumps(content))
     with pytest.raises(UnreadableFileError, match=r"results\.json: does not parse"):
         list(run_campaign(campaign, instant_bench(), output, resume=True))
+
+
+def test_point_whose_excitation_is_refused_fails_alone(
+    make_campaign: MakeCampaign, instant_bench: Any, output: Path
+) -> None:
+    bench = instant_bench()
+    bench.refusals = {
+        "seed-1": DriveLimitError("hold", "voltage", 131.2, 120.0, "V"),
+        "seed-3": ExcitationError("harmonic 3 is off by 4 %"),
+    }
+    list(run_campaign(make_campaign(3), bench, output))
+    assert statuses(output) == {"seed-1": FAILED, "seed-2": DONE, "seed-3": FAILED}
+    assert bench.carried_out == ["seed-2"], "nothing is driven without its voltage"
+    errors = [point["error"] for point in results(output)["points"]]
+    assert errors[0] == "hold: needs a voltage of 131.2 V, expected at most 120 V"
+    assert errors[2] == "harmonic 3 is off by 4 %"
