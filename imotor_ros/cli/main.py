@@ -21,6 +21,8 @@ VERBS = {
     "run": "carry out a campaign",
     "signal": "print the harmonics of a drive signal",
     "simulate": "predict the indicators with a motor model, without instruments",
+    "frequency-response": "measure the rod velocity over the voltage of a motor",
+    "excite": "find the voltage that makes the rod of a motor move as wanted",
     "force": "predict the force on springs, and the velocity under constant loads",
     "identify-friction": "find the friction law of a motor from a sine of stepped amplitude",
     "sweep": "predict every point of a campaign with the motor model, on all cores",
