@@ -54,7 +54,7 @@ _TARGETS = {
     CLEAN_UP: State.PRIMARY_STATE_UNCONFIGURED,
 }
 
-_DISCOVERY_TIME = 0.6
+_DISCOVERY_TIME = 1.0
 """Time (s) in which nodes on this host find each other, with some to spare."""
 
 _FAULT_TIMEOUT = 2.0
