@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import resource
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -44,6 +45,15 @@ def test_full_disk_ends_the_run_with_one_error(
             assert len(bag.samples("rod/velocity")[0]) >= 10_000
 
 
+@pytest.fixture
+def no_garbage_collection() -> Iterator[None]:
+    """Let no object go by chance that was not let go on purpose."""
+    gc.disable()
+    yield
+    gc.enable()
+
+
+@pytest.mark.usefixtures("no_garbage_collection")
 def test_namespace_is_free_again_when_a_stand_has_stopped(namespace: str) -> None:
     """In one process: a goal without an answer keeps rclpy's node alive if it can."""
     first = StandClient(namespace, lambda: None)
