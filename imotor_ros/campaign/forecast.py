@@ -7,6 +7,8 @@ from pathlib import Path
 
 from imotor_ros.campaign.campaign import NamedPoint
 from imotor_ros.campaign.plan import plan_run
+from imotor_ros.core.drive_limits import program_demand
+from imotor_ros.errors import DriveLimitError
 
 BYTES_PER_SAMPLE = 36
 """Size of a bag over its samples in time: nine streams, compressed.
@@ -29,11 +31,12 @@ class RunForecast:
     samples : int
         Samples of each channel.
     lowest_voltage, highest_voltage : float
-        Of the steady drive (V).
+        Of the drive (V), by the linear response of the motor's parameters: what the bench finds
+        differs by some per cent.
     bag_size : int
         Size of the bag (bytes), estimated.
     problem : str
-        Which limit it would exceed; empty if none.
+        Which limit it would exceed, what is needed and what is allowed; empty if none.
 
     """
 
@@ -57,25 +60,21 @@ def forecast_run(point: NamedPoint) -> RunForecast:
         If the point cannot be planned.
 
     """
-    program = plan_run(point, Path()).program
-    first, end = program.span("hold")
-    periods = round(2.0 * program.sample_rate / program.fundamental_frequency)
-    voltage = program.render(first, min(end - first, periods))
-    low, high = float(voltage.min()), float(voltage.max())
-    amplifier = point.parameters.stand.motor.amplifier
+    plan = plan_run(point, Path())
+    program = plan.program
+    demand = program_demand(program)
     problem = ""
-    if low < amplifier.lowest_voltage or high > amplifier.highest_voltage:
-        problem = (
-            f"the drive needs {low:.1f} to {high:.1f} V, the amplifier gives "
-            f"{amplifier.lowest_voltage:g} to {amplifier.highest_voltage:g} V"
-        )
+    try:
+        plan.limits.check_program(program)
+    except DriveLimitError as error:
+        problem = str(error)
     return RunForecast(
         point.name,
         program.run_id,
         program.length / program.sample_rate,
         program.length,
-        low,
-        high,
+        demand.lowest,
+        demand.highest,
         BYTES_PER_SAMPLE * program.length,
         problem,
     )

@@ -63,7 +63,13 @@ def test_forecast_agrees_with_the_plan() -> None:
 
 def test_forecast_finds_a_drive_beyond_the_amplifier() -> None:
     point = campaign(point={"signal.stroke": 60e-6}).points[0]
-    assert "the amplifier gives -20 to 120 V" in forecast_run(point).problem
+    assert "needs a voltage of 242.8 V, expected at most 120 V" in forecast_run(point).problem
+    for frequency, reason in (
+        (60e3, "needs a current of 18.2 A, expected at most 10 A"),
+        (80e3, "needs a slew rate of 3.045e+07 V/s, expected at most 2e+07 V/s"),
+    ):
+        fast = campaign(point={"signal.maximum_frequency": frequency}).points[0]
+        assert reason in forecast_run(fast).problem
 
 
 def test_dry_run_lists_the_runs_and_makes_nothing(
