@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import resource
 import time
 from collections.abc import Callable, Iterator
@@ -14,7 +15,8 @@ from imotor_msgs.action import PlayProgram
 from imotor_ros.bag.reader import RunBag
 from imotor_ros.campaign.bench import DriveAdvanced
 from imotor_ros.campaign.plan import RunPlan
-from imotor_ros.errors import RunError
+from imotor_ros.errors import BadInputError, RunError
+from imotor_ros.nodes.namespace_claim import NamespaceClaim
 from imotor_ros.nodes.ros_bench import RosBench
 from imotor_ros.nodes.stand_client import StandClient
 
@@ -63,3 +65,18 @@ def test_namespace_is_free_again_when_a_stand_has_stopped(namespace: str) -> Non
     second = StandClient(namespace, lambda: None)
     second.refuse_occupied_namespace()
     second.close()
+
+
+def test_claim_keeps_others_out_until_it_is_released(
+    namespace: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two starts in the same moment is refused, before any discovery."""
+    first = NamespaceClaim(namespace)
+    with pytest.raises(BadInputError, match=f"{namespace}: is taken .*process {os.getpid()}"):
+        NamespaceClaim(f"{namespace}/")
+    NamespaceClaim(f"{namespace}_other").release()
+    with monkeypatch.context() as context:
+        context.setenv("ROS_DOMAIN_ID", "101")
+        NamespaceClaim(namespace).release()
+    first.release()
+    NamespaceClaim(namespace).release()
