@@ -11,6 +11,7 @@ from typing import Any, Self
 
 from imotor_ros.contracts.graph import Role
 from imotor_ros.core.parameters import Parameters
+from imotor_ros.nodes.namespace_claim import NamespaceClaim
 from imotor_ros.nodes.process import NodeProcess, find_executable, stop_processes
 from imotor_ros.nodes.stand_client import (
     ACTIVATE,
@@ -51,6 +52,7 @@ class StandProcesses:
         self.namespace = namespace
         self.processes: dict[str, NodeProcess] = {}
         paths = {role.executable: find_executable(role.executable) for role in roles}
+        self._claim = NamespaceClaim(namespace)
         self._are_configured = False
         self._is_interrupted = False
         self._handler = self._take_interrupts()
@@ -121,7 +123,9 @@ class StandProcesses:
         self.client.wait_for_nodes(self.names, START_TIMEOUT)
 
     def activate(
-        self, parameters: Mapping[str, Parameters], names: Iterable[str] | None = None
+        self,
+        parameters: Mapping[str, Parameters | Mapping[str, Any]],
+        names: Iterable[str] | None = None,
     ) -> None:
         """
         Give all nodes their parameters and activate them; the first time, configure them too.
@@ -129,7 +133,7 @@ class StandProcesses:
         Parameters
         ----------
         parameters : mapping
-            By node name.
+            By node name: an object, or values by dotted name.
         names : iterable of str, optional
             The nodes to be activated, if not all.
 
@@ -153,6 +157,7 @@ class StandProcesses:
         """Stop all nodes; those that do not listen are killed."""
         stop_processes(self.processes.values(), STOP_TIMEOUT)
         self.client.close()
+        self._claim.release()
         if self._handler is not None:
             signal.signal(signal.SIGINT, self._handler)
             self._handler = None
