@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from imotor_ros.contracts.blocks import NANOSECONDS, SampleBlock
 from imotor_ros.core.channel import ChannelDescription
-from imotor_ros.core.drive import DriveProgram, DriveSegment
+from imotor_ros.core.drive import DriveProgram, DriveSegment, Ending
 from imotor_ros.core.indicators import Indicator, Performance, StreamCount, Window
 
 
@@ -84,6 +84,7 @@ def program_to_message(types: MessageTypes, program: DriveProgram) -> Any:
         motion_amplitudes=types.floats(program.motion_amplitudes),
         motion_phases=types.floats(program.motion_phases),
         segments=[_segment_to_message(types, segment) for segment in program.segments],
+        ending=int(program.ending),
     )
 
 
@@ -120,6 +121,7 @@ def program_from_message(message: Any) -> DriveProgram:
         segments=tuple(_segment_from_message(segment) for segment in message.segments),
         motion_amplitudes=_floats(message.motion_amplitudes),
         motion_phases=_floats(message.motion_phases),
+        ending=Ending(getattr(message, "ending", Ending.PLANNED)),  # older bags have none
     )
 
 
@@ -299,4 +301,28 @@ def recording_to_message(
         messages=messages,
         lost=lost,
         error=error,
+    )
+
+
+def stand_state_to_message(
+    types: MessageTypes,
+    time: int,
+    state: int,
+    run_id: str = "",
+    *,
+    node: str = "",
+    reason: str = "",
+    sent: int = 0,
+    consumed: int = 0,
+) -> Any:
+    """Return a StandState message of `time` (ns since 1970)."""
+    return types.message(
+        "imotor_msgs/msg/StandState",
+        header=_header(types, time, "state"),
+        state=state,
+        run_id=run_id,
+        node=node,
+        reason=reason,
+        sent=sent,
+        consumed=consumed,
     )

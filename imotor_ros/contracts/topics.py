@@ -21,11 +21,14 @@ class Intent(Enum):
     STREAM: nothing may be lost, the writer waits for slow readers (reliable, keep all).
     LATCHED: a fact that late joiners need too (reliable, transient local).
     STATUS: the latest few matter (reliable, keep last).
+    PULSE: the latest matters, also to late joiners, and that it does not stop coming (reliable,
+    transient local, keep last 1, with a deadline).
     """
 
     STREAM = "stream"
     LATCHED = "latched"
     STATUS = "status"
+    PULSE = "pulse"
 
 
 @dataclass(frozen=True)
@@ -71,6 +74,7 @@ SLIDER_VELOCITY = _stream(channel.SLIDER_VELOCITY, "m/s")
 LOAD_FORCE = _stream(channel.LOAD_FORCE, "N")
 PERFORMANCE = Topic("performance", "imotor_msgs/msg/Performance", Intent.LATCHED)
 RECORDING = Topic("recording", "imotor_msgs/msg/RecordingState", Intent.LATCHED)
+STATE = Topic("state", "imotor_msgs/msg/StandState", Intent.PULSE)
 DIAGNOSTICS = Topic("/diagnostics", "diagnostic_msgs/msg/DiagnosticArray", Intent.STATUS)
 
 ALL_TOPICS = (
@@ -98,7 +102,7 @@ MEASURED_TOPICS = (ROD_VELOCITY, SLIDER_VELOCITY, LOAD_FORCE, VOLTAGE_MONITOR, C
 TRUTH_TOPICS = (TRUE_ROD_VELOCITY, TRUE_SLIDER_VELOCITY, TRUE_LOAD_FORCE)
 """What no instrument sees: from the virtual plant to the virtual instruments."""
 
-_BY_NAME = {topic.name: topic for topic in (*ALL_TOPICS, RECORDING)}
+_BY_NAME = {topic.name: topic for topic in (*ALL_TOPICS, RECORDING, STATE)}
 
 
 def topic_named(name: str) -> Topic:

@@ -26,6 +26,7 @@ class SampleFlag(IntFlag):
     SLEW_LIMITED = 8
     CURRENT_LIMITED = 16
     GAP = 32
+    RAMPED_DOWN = 64
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from enum import IntEnum
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from imotor_ros.errors import BadInputError
+
+
+class Ending(IntEnum):
+    """How a run ends; the numbers are those of DriveProgram.msg, which says more."""
+
+    PLANNED = 0
+    STOPPED = 1
+    ABANDONED = 2
 
 
 @dataclass(frozen=True)
@@ -89,6 +98,8 @@ class DriveProgram:
     motion_amplitudes, motion_phases : tuple of float
         Wanted rod displacement of the steady drive: amplitudes (m) and sine phases (rad) of
         harmonics 1, 2, ..., with the cycles of the drive.
+    ending : Ending
+        How it ends: as given, stopped, or abandoned by the generator.
 
     """
 
@@ -99,6 +110,7 @@ class DriveProgram:
     segments: tuple[DriveSegment, ...]
     motion_amplitudes: tuple[float, ...] = ()
     motion_phases: tuple[float, ...] = ()
+    ending: Ending = Ending.PLANNED
     _starts: tuple[int, ...] = field(init=False, repr=False, compare=False, default=())
 
     def __post_init__(self) -> None:
