@@ -4,30 +4,33 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import yaml
 
+from imotor_ros.campaign.driver import Driver
+from imotor_ros.campaign.leaves import flatten
 from imotor_ros.campaign.order import sequence_of
 from imotor_ros.campaign.point import PointParameters
 from imotor_ros.core.parameters import all_leaves
 from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
 
 _KEYS = (
-    "name", "description", "stand", "point", "sweep", "points", "repetitions", "order",
-    "order_seed",
+    "name", "description", "driver", "driver_parameters", "stand", "point", "sweep", "points",
+    "repetitions", "order", "order_seed",
 )  # fmt: skip
 _RESERVED = (".", "..", "logs", "results.json")
 
 
 @dataclass(frozen=True)
 class NamedPoint:
-    """A point and its name, which is also that of its folder."""
+    """A point, its name, which is also that of its folder, and the driver it is measured with."""
 
     name: str
     parameters: PointParameters
+    driver: Driver = field(default_factory=Driver)
 
 
 @dataclass(frozen=True)
@@ -41,18 +44,22 @@ class Campaign:
         Name, also that of the results, and a sentence on its purpose.
     points : tuple of NamedPoint
         The runs, in order.
+    driver : Driver
+        What all of them are measured with.
 
     """
 
     name: str
     description: str
     points: tuple[NamedPoint, ...]
+    driver: Driver = field(default_factory=Driver)
 
     def to_mapping(self) -> dict[str, Any]:
         """Return a mapping from which `campaign_from_mapping` makes an equal campaign."""
         return {
             "name": self.name,
             "description": self.description,
+            **self.driver.to_mapping(),
             "points": [
                 {"name": point.name, **point.parameters.to_mapping()} for point in self.points
             ],
@@ -88,7 +95,9 @@ def load_campaign(path: Path) -> Campaign:
     what is special in it). What comes later in this list overrides what comes before.
     ``repetitions`` says how often each point is measured, every time with the next seed;
     ``order`` is "rounds" (all points, then all again), "together" (repetitions in a row) or
-    "random", as ``order_seed`` determines.
+    "random", as ``order_seed`` determines. ``driver`` names the executable that takes the place
+    of the virtual motor and its instruments, ``driver_parameters`` its parameters, as a mapping
+    or as a YAML file beside this one.
 
     Raises
     ------
@@ -102,6 +111,9 @@ def load_campaign(path: Path) -> Campaign:
     if isinstance(mapping, Mapping) and isinstance(mapping.get("stand"), str):
         stand_path = path.parent / mapping["stand"]
         mapping = {**mapping, "stand": read_yaml(stand_path)}
+    if isinstance(mapping, Mapping) and isinstance(mapping.get("driver_parameters"), str):
+        driver_path = path.parent / mapping["driver_parameters"]
+        mapping = {**mapping, "driver_parameters": read_yaml(driver_path)}
     return campaign_from_mapping(mapping, str(path))
 
 
@@ -124,22 +136,25 @@ def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
                 where=f"{where}: {key}",
                 bound="one of " + ", ".join(_KEYS),
             )
-    stand = _flatten(mapping.get("stand") or {}, f"{where}: stand")
+    stand = flatten(mapping.get("stand") or {}, f"{where}: stand")
     common = {f"stand.{name}": value for name, value in stand}
-    common.update(_flatten(mapping.get("point") or {}, f"{where}: point"))
+    common.update(flatten(mapping.get("point") or {}, f"{where}: point"))
     combinations = _combinations(mapping.get("sweep") or {}, f"{where}: sweep")
     single = mapping.get("points") or [{}]
     if not isinstance(single, list):
         raise BadInputError("is not a list", where=f"{where}: points", value=single)
     points = [
-        _point({**common, **swept, **dict(_flatten(extra, f"{where}: points"))}, swept, where)
+        _point({**common, **swept, **dict(flatten(extra, f"{where}: points"))}, swept, where)
         for extra in single
         for swept in combinations
     ]
+    driver = Driver.from_mapping(mapping, where)
+    in_order = _in_order(tuple(_unique(points)), mapping, where)
     return Campaign(
         name=str(mapping.get("name", "campaign")),
         description=str(mapping.get("description", "")),
-        points=tuple(_in_order(tuple(_unique(points)), mapping, where)),
+        points=tuple(replace(point, driver=driver) for point in in_order),
+        driver=driver,
     )
 
 
@@ -164,18 +179,6 @@ def _in_order(
             parameters = parameters.replace(seed=parameters.seed + repeat)
         runs.append(NamedPoint(name, parameters))
     return _unique(runs)
-
-
-def _flatten(mapping: Any, where: str, prefix: str = "") -> Iterable[tuple[str, Any]]:
-    if not isinstance(mapping, Mapping):
-        raise BadInputError("is not a mapping", where=where, value=mapping)
-    for key, value in mapping.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, where, f"{prefix}{key}.")
-        elif value is None:
-            raise BadInputError("has no value", where=f"{where}: {prefix}{key}")
-        else:
-            yield f"{prefix}{key}", value
 
 
 def _combinations(sweep: Any, where: str) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from imotor_ros.campaign.campaign import NamedPoint
+from imotor_ros.campaign.driver import Driver
 from imotor_ros.campaign.point import DriveParameters, PointParameters
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.drive_limits import DriveLimits
@@ -56,6 +57,8 @@ class RunPlan:
     excitation : Excitation or None
         How the voltage of a steady drive was found; None where it was computed, or measured for
         a drive of another kind.
+    driver : Driver
+        What it is measured with.
 
     """
 
@@ -65,6 +68,7 @@ class RunPlan:
     directory: Path
     provenance: Mapping[str, Any] = field(default_factory=dict)
     excitation: Excitation | None = None
+    driver: Driver = field(default_factory=Driver)
 
     @property
     def bag_path(self) -> Path:
@@ -78,6 +82,7 @@ class RunPlan:
             "run_id": self.program.run_id,
             "point": self.name,
             "parameters": self.parameters.to_mapping(),
+            **self.driver.to_mapping(),
             "excitation": None if self.excitation is None else self.excitation.to_mapping(),
         }
 
@@ -111,8 +116,9 @@ class RunPlan:
 
 
 def run_id_of(point: NamedPoint) -> str:
-    """Return the run's id: the point's name and a digest of its parameters, seed included."""
-    text = json.dumps(point.parameters.to_mapping(), sort_keys=True)
+    """Return the run's id: the point's name and a digest of its parameters and its driver's."""
+    content = {**point.parameters.to_mapping(), **point.driver.to_mapping()}
+    text = json.dumps(content, sort_keys=True)
     return f"{point.name}-{hashlib.sha256(text.encode()).hexdigest()[:8]}"
 
 
@@ -138,6 +144,7 @@ def plan_run(
         drive_program(point.parameters, run_id_of(point)),
         directory,
         provenance or {},
+        driver=point.driver,
     )
 
 

@@ -11,7 +11,7 @@ import json
 import os
 import time
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -162,7 +162,7 @@ def run_campaign(
     for number, plan in enumerate(plans):
         if plan.program.run_id in results:
             continue
-        fresh = RunPlan(plan.name, plan.parameters, plan.program, plan.directory, provenance())
+        fresh = replace(plan, provenance=provenance())
         yield PointStarted(number, fresh)
         result = yield from _run_point(fresh, bench, output)
         results[plan.program.run_id] = result
@@ -200,6 +200,9 @@ def _run_point(
     error = ""
     try:
         plan = yield from excite_run(plan, bench)
+        if not plan.driver.is_virtual:
+            # samples of the real world have the time of the real world
+            plan = replace(plan, program=replace(plan.program, epoch=time.time_ns()))
         for event in bench.run(plan):
             if isinstance(event, PerformanceReported) and event.performance.is_final:
                 performance = event.performance

@@ -37,6 +37,7 @@ from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.core.force_sensor import ForceSensor
 from imotor_ros.core.trial import Recording, Steps, Trial
 from imotor_ros.core.vibrometer import Vibrometer
+from imotor_ros.errors import BadInputError
 
 
 class SimBench:
@@ -60,6 +61,7 @@ class SimBench:
         self, plan: RunPlan, request: ExcitationRequest
     ) -> Generator[RunEvent, None, Excitation]:
         """Find the voltage for a motion; see `Bench.excite`."""
+        _refuse_driver(plan)
         search = Steps(request.procedure(plan.limits))
         while search.trial is not None:
             trial = search.trial
@@ -69,6 +71,7 @@ class SimBench:
 
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         """Carry out one run; see `Bench.run`."""
+        _refuse_driver(plan)
         plan.prepare_folder()
         yield PhaseEntered("run")
         run = _SimRun(plan)
@@ -78,6 +81,14 @@ class SimBench:
             run.close(f"{type(error).__name__}: {error}")
             raise
         run.close()
+
+
+def _refuse_driver(plan: RunPlan) -> None:
+    if not plan.driver.is_virtual:
+        raise BadInputError(
+            "is a node of its own, which this bench does not start", where="driver",
+            value=plan.driver.executable, bound='"virtual", or the bench "ros"',
+        )  # fmt: skip
 
 
 def play_trial(trial: Trial, plan: RunPlan) -> Recording:

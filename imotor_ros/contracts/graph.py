@@ -81,8 +81,30 @@ VIRTUAL_STAND = (
 )
 """The whole stand with the virtual motor."""
 
-CORRECTION = (SIGNAL_GENERATOR, PLANT, ROD_VIBROMETER)
-"""What has to be active while the generator finds a voltage."""
+DRIVER_NAME = "driver"
+"""Name of the node that takes the place of the virtual motor and its instruments."""
+
+_CORRECTION = (SIGNAL_GENERATOR.name, PLANT.name, ROD_VIBROMETER.name, DRIVER_NAME)
+
+
+def stand_with(driver: str) -> tuple[Role, ...]:
+    """
+    Return the whole stand with a driver in the place of plant and virtual instruments.
+
+    Parameters
+    ----------
+    driver : str
+        Its executable, or "package/executable".
+
+    """
+    published = (*topics.MEASURED_TOPICS, topics.DRIVE_PROGRESS)
+    role = Role(driver, DRIVER_NAME, published, (topics.DRIVE_VOLTAGE,))
+    return (SIGNAL_GENERATOR, role, EVALUATOR, RECORDER)
+
+
+def in_correction(roles: Iterable[Role]) -> tuple[Role, ...]:
+    """Return what of a stand has to be active while the generator finds a voltage."""
+    return tuple(role for role in roles if role.name in _CORRECTION)
 
 
 def expected_readers(role: Role, roles: Iterable[Role]) -> str:

@@ -22,12 +22,21 @@ def find_executable(name: str, package: str = PACKAGE) -> Path:
     """
     Return the file that `ros2 run PACKAGE NAME` would execute.
 
+    Parameters
+    ----------
+    name : str
+        The executable, or "package/executable".
+    package : str
+        Where it is looked for if the name does not say.
+
     Raises
     ------
     BadInputError
         If the package or the executable is not installed.
 
     """
+    if "/" in name:
+        package, _, name = name.partition("/")
     try:
         folder = Path(get_package_prefix(package)) / "lib" / package
     except PackageNotFoundError as error:

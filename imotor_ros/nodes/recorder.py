@@ -40,6 +40,9 @@ class RecorderParameters(NodeParameters):
     run_info: str = parameter("{}", "JSON: all that is needed to repeat the run")
     provenance: str = parameter("{}", "JSON: versions, host and start of the run")
     is_simulated: bool = parameter(True, "log times follow the sample index, not the reception")
+    has_truth: bool = parameter(
+        True, "whether the run has the streams truth/..., which only a virtual motor has"
+    )
     channel_count: int = parameter(
         len(topics.MEASURED_TOPICS), "number of channels that are described", low=0, high=1000
     )
@@ -87,8 +90,12 @@ class RecorderNode(StandNode[RecorderParameters]):
         """Make the endpoints."""
         installed_types()  # parsed now, not when the first blocks wait
         self._state = self.add_publisher(topics.RECORDING)
-        for topic in topics.ALL_TOPICS:
+        for topic in self._recorded():
             self.add_subscription(topic, self._receiver(topic), raw=True)
+
+    def _recorded(self) -> tuple[Topic, ...]:
+        left_out = () if self.parameters.has_truth else topics.TRUTH_TOPICS
+        return tuple(topic for topic in topics.ALL_TOPICS if topic not in left_out)
 
     def activate(self) -> None:
         """Make ready for a run: what is latched may have come before, samples may not."""
@@ -172,6 +179,7 @@ class RecorderNode(StandNode[RecorderParameters]):
             program,
             run_info=_read_json("run_info", settings.run_info),
             provenance=_read_json("provenance", settings.provenance),
+            recorded=self._recorded(),
             channel_count=settings.channel_count,
             report_interval=settings.report_interval,
             namespace=self.get_namespace(),

@@ -24,10 +24,10 @@ from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.errors import DriveFaultError, ImotorError
 from imotor_ros.nodes.excitation_search import ExcitationSearch
-from imotor_ros.nodes.node_parameters import parameters_of_nodes
+from imotor_ros.nodes.node_parameters import Leaves, parameters_of_nodes
 from imotor_ros.nodes.process import NodeProcess
 from imotor_ros.nodes.stand_client import PlayedProgram, StandClient
-from imotor_ros.nodes.stand_processes import STOP_TIMEOUT, StandProcesses
+from imotor_ros.nodes.stand_processes import START_TIMEOUT, STOP_TIMEOUT, StandProcesses
 
 STALL_TIMEOUT = 30.0
 """Longest wait (s) for the plant to consume anything."""
@@ -52,8 +52,6 @@ class RosBench:
         Folder for the nodes' logs.
     namespace : str
         Namespace of the stand.
-    roles : tuple of Role
-        The nodes.
 
     """
 
@@ -64,11 +62,10 @@ class RosBench:
         log_directory: Path,
         *,
         namespace: str = DEFAULT_NAMESPACE,
-        roles: tuple[Role, ...] = graph.VIRTUAL_STAND,
     ) -> None:
         self._logs = log_directory
         self._namespace = namespace
-        self._roles = roles
+        self._driver_parameters: list[str] = []
         self._stand: StandProcesses | None = None
 
     @property
@@ -94,13 +91,24 @@ class RosBench:
             self._stand.stop()
             self._stand = None
 
-    def _started(self) -> Generator[RunEvent, None, StandProcesses]:
-        """Return the nodes; start them if there are none."""
+    def _started(self, plan: RunPlan) -> Generator[RunEvent, None, StandProcesses]:
+        """Return the nodes that a run needs; start them unless they are there."""
+        roles = _roles_of(plan)
+        if self._stand is not None and self._stand.roles != roles:
+            self._stop_nodes()
         if self._stand is None:
             yield PhaseEntered("start nodes")
-            self._stand = StandProcesses(self._roles, self._logs, self._namespace)
+            self._stand = StandProcesses(roles, self._logs, self._namespace)
             self._stand.wait()
+            self._driver_parameters = (
+                []
+                if plan.driver.is_virtual
+                else self._stand.client.declared_parameters(graph.DRIVER_NAME, START_TIMEOUT)
+            )
         return self._stand
+
+    def _parameters(self, plan: RunPlan) -> dict[str, Leaves]:
+        return parameters_of_nodes(plan, _roles_of(plan), self._driver_parameters)
 
     # ---- excitation ----------------------------------------------------------------------
 
@@ -123,10 +131,10 @@ class RosBench:
     def _search(
         self, plan: RunPlan, request: ExcitationRequest
     ) -> Generator[RunEvent, None, ExcitationSearch]:
-        stand = yield from self._started()
+        stand = yield from self._started(plan)
         client = stand.client
-        names = [role.name for role in graph.CORRECTION]
-        stand.activate(parameters_of_nodes(plan, self._roles), names)
+        names = [role.name for role in graph.in_correction(stand.roles)]
+        stand.activate(self._parameters(plan), names)
         search = client.search(request, STALL_TIMEOUT)
         seen = 0
         try:
@@ -167,12 +175,12 @@ class RosBench:
             raise
 
     def _carry_out(self, plan: RunPlan) -> Iterator[RunEvent]:
-        stand = yield from self._started()
+        stand = yield from self._started(plan)
         client = stand.client
         yield PhaseEntered("configure")
         plan.prepare_folder()
         client.begin_run(plan.program, plan.run_info_json)
-        stand.activate(parameters_of_nodes(plan, self._roles))
+        stand.activate(self._parameters(plan))
         yield PhaseEntered("run")
         played = client.play(plan.program, STALL_TIMEOUT)
         try:
@@ -234,6 +242,12 @@ class RosBench:
                 recover(plan.bag_path)
             except ImotorError:
                 return  # nothing was recorded yet
+
+
+def _roles_of(plan: RunPlan) -> tuple[Role, ...]:
+    if plan.driver.is_virtual:
+        return graph.VIRTUAL_STAND
+    return graph.stand_with(plan.driver.executable)
 
 
 def _new_reports(client: StandClient, reported: int) -> Generator[RunEvent, None, int]:

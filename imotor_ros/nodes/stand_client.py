@@ -13,7 +13,7 @@ from imotor_msgs.msg import Performance as PerformanceMessage
 from imotor_msgs.msg import RecordingState, RunInfo
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParametersAtomically
+from rcl_interfaces.srv import ListParameters, SetParametersAtomically
 from rclpy.action import ActionClient
 from rclpy.client import Client
 from rclpy.context import Context
@@ -225,9 +225,19 @@ class StandClient:
             lambda: not absent(), lambda: f"node(s) {', '.join(absent())} to come up", timeout
         )
 
-    def set_parameters(self, values: dict[str, Parameters], timeout: float) -> None:
+    def declared_parameters(self, node: str, timeout: float) -> list[str]:
+        """Return the names of the parameters that a node has."""
+        requests = {node: ListParameters.Request()}
+        answers = self._call(
+            ListParameters, "list_parameters", requests, "to list its parameters", timeout
+        )
+        return list(answers[node].result.names)
+
+    def set_parameters(
+        self, values: Mapping[str, Parameters | Mapping[str, Any]], timeout: float
+    ) -> None:
         """
-        Set all parameters of several nodes.
+        Set parameters of several nodes, given as parameter objects or by dotted name.
 
         Raises
         ------
@@ -240,7 +250,7 @@ class StandClient:
             request = SetParametersAtomically.Request()
             request.parameters = [
                 Parameter(name, value=value).to_parameter_msg()
-                for name, value in parameter_values(parameters).items()
+                for name, value in _leaves(parameters).items()
             ]
             requests[node] = request
         answers = self._call(
@@ -380,6 +390,10 @@ class StandClient:
         self.spin_until(accepted.done, "signal_generator to take the program", timeout)
         played.follow(accepted.result())
         return played
+
+
+def _leaves(parameters: Parameters | Mapping[str, Any]) -> Mapping[str, Any]:
+    return parameter_values(parameters) if isinstance(parameters, Parameters) else parameters
 
 
 class PlayedProgram:

@@ -54,6 +54,20 @@ def test_expected_readers_count_the_roles_that_are_started() -> None:
     assert expected_readers(graph.EVALUATOR, graph.VIRTUAL_STAND) == ""
 
 
+def test_a_driver_writes_all_that_plant_and_instruments_write_but_the_truth() -> None:
+    stand = graph.stand_with("card")
+    driver = next(role for role in stand if role.name == graph.DRIVER_NAME)
+    truth = set(topics.TRUTH_TOPICS)
+    replaced = [role for role in graph.VIRTUAL_STAND if role not in stand]
+    assert set(driver.publishes) == {t for role in replaced for t in role.publishes} - truth
+    assert set(driver.reads) == {t for role in replaced for t in role.reads} - truth
+    assert "rod/velocity=3" in expected_readers(driver, stand).split()
+    needed = [role.name for role in graph.in_correction(stand)]
+    assert needed == ["signal_generator", "driver"]
+    needed = [role.name for role in graph.in_correction(graph.VIRTUAL_STAND)]
+    assert needed == ["signal_generator", "plant", "rod_vibrometer"]
+
+
 def test_expected_readers_are_as_a_node_takes_them() -> None:
     stand_node = pytest.importorskip("imotor_ros.nodes.stand_node", reason="needs ROS 2")
     for role in graph.VIRTUAL_STAND:
