@@ -13,6 +13,7 @@ Errors of the test stand.
     │   ├── DeadlineError (TimeoutError) something waited for did not come in time
     │   ├── SamplesLostError             samples of a stream are missing
     │   ├── DriveFaultError              the plant or driver reported a fault
+    │   ├── InstrumentError              an instrument of a bench does not do what it is told
     │   ├── ExcitationError              no voltage was found that moves the rod as wanted
     │   └── RecordingError (OSError)     a bag, results or a picture cannot be written
     └── SolverError (ArithmeticError)    a solver cannot go on
@@ -165,6 +166,28 @@ class SamplesLostError(RunError):
 
 class DriveFaultError(RunError):
     """The plant or the driver reported a fault and stopped."""
+
+
+class InstrumentError(RunError):
+    """
+    An instrument of a bench does not do what it is told.
+
+    Parameters
+    ----------
+    instrument : str
+        Which one, e.g. "generator".
+    command : str
+        What it was told or asked; empty where it is about no single command.
+    what : str
+        What came of it.
+
+    """
+
+    def __init__(self, instrument: str, command: str, what: str) -> None:
+        self.instrument = instrument
+        self.command = command
+        self.what = what
+        super().__init__(": ".join(part for part in (instrument, command, what) if part))
 
 
 class ExcitationError(RunError):
