@@ -16,7 +16,8 @@ from datetime import datetime
 from pathlib import Path
 
 from imotor_ros.bag.identify import identify_bag
-from imotor_ros.campaign.campaign import Campaign, NamedPoint, load_campaign, read_yaml
+from imotor_ros.campaign.campaign import Campaign, load_campaign, read_yaml
+from imotor_ros.campaign.friction import check_friction_campaign
 from imotor_ros.campaign.runner import DONE
 from imotor_ros.cli.friction_pictures import draw_figures
 from imotor_ros.cli.output import format_interval, print_json, table
@@ -24,7 +25,6 @@ from imotor_ros.cli.resources import find_params
 from imotor_ros.cli.run import add_run_arguments, carry_out, output_folder
 from imotor_ros.core.identification.records import IdentificationParameters
 from imotor_ros.core.identification.results import Identification
-from imotor_ros.core.identification.stepped_sine import SteppedSineParameters
 from imotor_ros.core.motor import MotorParameters
 from imotor_ros.errors import BadInputError, RunError
 
@@ -109,23 +109,15 @@ def _carried_out(options: argparse.Namespace) -> tuple[Path, Path]:
 def _campaign(options: argparse.Namespace) -> Campaign:
     """Return the campaign of one run, with the motor and the frequency asked for."""
     campaign = load_campaign(options.campaign or find_params(_CAMPAIGN))
-    if len(campaign.points) != 1:
-        raise BadInputError(
-            "has more than one point", where=str(options.campaign), value=len(campaign.points)
-        )
-    point = campaign.points[0].parameters
-    drive = point.drive
-    if not isinstance(drive, SteppedSineParameters):
-        raise BadInputError(
-            "is not driven by a stepped sine", where=str(options.campaign),
-            bound="point: drive: kind: stepped_sine",
-        )  # fmt: skip
+    check_friction_campaign(campaign, str(options.campaign))
+    named = campaign.points[0]
+    point, drive = named.parameters, named.parameters.drive
     if options.frequency is not None:
         point = point.replace(drive=drive.replace(frequency=options.frequency))
     if options.motor is not None:
         motor = MotorParameters.from_mapping(read_yaml(options.motor), str(options.motor))
         point = point.replace(stand=point.stand.replace(motor=motor))
-    return replace(campaign, points=(NamedPoint(campaign.points[0].name, point),))
+    return replace(campaign, points=(replace(named, parameters=point),))
 
 
 def _write(found: Identification, bag: Path, output: Path) -> dict[str, str]:
