@@ -24,6 +24,9 @@ CHECKS = (
     ),
 )
 
+# More than four stands of seven nodes each at a time help nobody.
+ON_ALL_CORES = ("-n", str(min(4, os.cpu_count() or 1)), "--dist", "loadfile")
+
 
 def run(arguments: list[str], layout: Layout, changed: Mapping[str, str]) -> int:
     """
@@ -86,7 +89,7 @@ def test(layout: Layout, arguments: list[str]) -> int:
     layout : Layout
         The environment.
     arguments : list of str
-        Handed to pytest.
+        Handed to pytest; without any, all tests run, spread over the cores.
 
     Returns
     -------
@@ -101,7 +104,7 @@ def test(layout: Layout, arguments: list[str]) -> int:
     if failed:
         print(f"== failed before the tests: {', '.join(failed)}", flush=True)
     print("== pytest", flush=True)
-    code = _run([layout.venv_python, "-m", "pytest", *arguments])
+    code = _run([layout.venv_python, "-m", "pytest", *(arguments or ON_ALL_CORES)])
     return code or (1 if failed else 0)
 
 
