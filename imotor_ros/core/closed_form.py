@@ -49,6 +49,7 @@ def simulate(
     periods: int,
     initial_velocity: float = 0.0,
     record: bool = False,
+    until_steady: bool = False,
 ) -> PeriodTable:
     """
     Solve the slider's motion over whole drive periods.
@@ -69,6 +70,9 @@ def simulate(
         Slider velocity (m/s) at time 0; its position there is 0.
     record : bool
         Whether to keep the events, so that the motion can be sampled.
+    until_steady : bool
+        Whether to solve only until a period ends as it began, to rounding: all periods after it
+        are taken to be the same. Not with `record`.
 
     Returns
     -------
@@ -95,7 +99,9 @@ def simulate(
         )
     check_start(periods, initial_velocity)
     case = tabulate(motion, slider, friction, load)
-    rows, final_velocity, segments = _run(case, periods, initial_velocity, record)
+    rows, final_velocity, segments = _run(
+        case, periods, initial_velocity, record, until_steady and not record
+    )
     positive, negative, low, high, stick = rows
     # The rod returns after each period, so that the slip is what is left.
     mean = -(positive + negative) / TURN
@@ -114,7 +120,7 @@ def simulate(
 
 
 def _run(
-    case: PeriodCase, periods: int, initial_velocity: float, record: bool
+    case: PeriodCase, periods: int, initial_velocity: float, record: bool, until_steady: bool
 ) -> tuple[Array, float, Array]:
     """Return the rows of the periods, the final slider velocity, and the stretches if wanted."""
     most = max(table.knots.size for table in case.sliding)
@@ -137,6 +143,7 @@ def _run(
         case.rests,
         case.rest_velocities,
         initial_velocity,
+        until_steady,
     )
     rows = np.empty((5, periods))
     capacity = 6 * periods if record else 0
@@ -151,8 +158,9 @@ def _run(
 
 
 def _padded(values: NDArray[np.generic], length: int) -> NDArray[np.generic]:
-    width = [(0, length - values.shape[0])] + [(0, 0)] * (values.ndim - 1)
-    return np.pad(values, width)
+    padded = np.zeros((length, *values.shape[1:]), dtype=values.dtype)
+    padded[: values.shape[0]] = values
+    return padded
 
 
 def _region_of(regions: Array, phases: Array) -> NDArray[np.int64]:

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 _TURN = 2.0 * math.pi
 
+_SAME = 1e-15
+"""Change of w over a period, as part of the range of v_S in it, that is rounding."""
+
 
 @njit(cache=True, error_model="numpy")
 def decays(decay: float, gone: float) -> tuple[float, float, float]:
@@ -189,6 +192,7 @@ def solve(
     rests: Array,
     rest_velocities: Array,
     initial_velocity: float,
+    until_steady: bool,
     rows: Array,
     segments: Array,
 ) -> tuple[int, float]:
@@ -196,7 +200,8 @@ def solve(
     Fill one row per period; return the number of segments, or -1, and the final slider velocity.
 
     Rows: integral over the phase of w where positive, where negative, extremes of v_S, phase
-    spent sticking.
+    spent sticking. If asked to, copy the row of the first period that ends as it began to all
+    periods after it: w at its start alone determines a period.
     """
     origin_velocity, origin_h, origin_integral = (
         exit_values[0, 2], exit_values[0, 0], exit_values[0, 1]
@@ -207,6 +212,7 @@ def solve(
     w = origin_velocity - initial_velocity
     mode = 0 if w == 0.0 else (1 if w > 0.0 else -1)
     for period in range(rows.shape[1]):
+        w_before, mode_before = w, mode
         velocity = origin_velocity - w
         low, high = velocity, velocity
         positive, negative, stuck = 0.0, 0.0, 0.0
@@ -305,6 +311,10 @@ def solve(
         low, high = min(low, velocity), max(high, velocity)
         rows[0, period], rows[1, period] = positive, negative
         rows[2, period], rows[3, period], rows[4, period] = low, high, stuck
+        if until_steady and mode == mode_before and abs(w - w_before) <= _SAME * (high - low):
+            for row in range(rows.shape[0]):
+                rows[row, period + 1 :] = rows[row, period]
+            break
     return count, origin_velocity - w
 
 

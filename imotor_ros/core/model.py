@@ -126,9 +126,10 @@ def _solve(
         )
         return table, "stepping"
     if closed_form.applies(friction, load):
-        return closed_form.simulate(
-            motion, slider, friction, load=load, periods=periods
-        ), "closed_form"
+        table = closed_form.simulate(
+            motion, slider, friction, load=load, periods=periods, until_steady=True
+        )
+        return table, "closed_form"
     return taylor.simulate(motion, slider, friction, load=load, periods=periods), "taylor"
 
 

@@ -465,3 +465,31 @@ def test_unsuitable_laws_and_loads_are_refused():
     ):
         with pytest.raises(BadInputError):
             call()
+
+
+@pytest.mark.parametrize("law", [CoulombFriction(), VelocityDependentFriction()])
+@pytest.mark.parametrize("harmonics", [2, 3, 4])
+@pytest.mark.parametrize("frequency", [2312.5, 18500.0, 60e3])
+def test_solution_that_ends_when_steady_is_the_whole_one(law, harmonics, frequency):
+    motion = parabolic_sawtooth(harmonics, maximum_frequency=frequency)
+    whole, until = (
+        simulate(motion, SLIDER, law, periods=4000, until_steady=flag) for flag in (False, True)
+    )
+    scale = float(np.abs(motion.velocity(np.linspace(0.0, motion.period, 1000))).max())
+    for name in ("mean_velocity", "min_velocity", "max_velocity", "mean_relative_speed"):
+        difference = np.abs(getattr(whole, name) - getattr(until, name))
+        # what changes by 1e-15 per period, and shrinks by 1e-3 of it, has 1e-12 left to go
+        assert difference.max() <= 1e-12 * scale, name
+    assert until.periods == 4000
+    assert np.abs(whole.stick_share - until.stick_share).max() <= 1e-9
+    assert until.final_position == pytest.approx(whole.final_position, abs=1e-12 * scale)
+
+
+def test_slider_that_runs_away_is_never_taken_for_steady():
+    motion = parabolic_sawtooth(2, maximum_frequency=9250.0)
+    table = simulate(
+        motion, SLIDER, CoulombFriction(), load=_weight(2.0), periods=300, until_steady=True
+    )
+    rises = np.diff(table.mean_velocity)[200:]
+    # constant acceleration once the rod is always the slower one: (2.0 - 1.01) N on 6.92 g
+    assert rises == pytest.approx(-(2.0 - 1.01) / SLIDER.mass * motion.period, rel=1e-9)

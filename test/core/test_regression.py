@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from imotor_ros.core.regression import fit_exponential, start_up_time
+from imotor_ros.core.regression import fit_exponential, fit_period_means, start_up_time
 from imotor_ros.errors import BadInputError
 
 
@@ -76,3 +76,23 @@ def test_unusable_points_are_refused():
     for times, values in (([0, 1], [1, 2, 3]), ([0, 1], [1, math.nan]), ([1, 1], [1, 2])):
         with pytest.raises(BadInputError):
             fit_exponential(times, values)
+
+
+@pytest.mark.parametrize("tau", [0.3, 3.0, 40.0, 400.0])
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+@pytest.mark.parametrize("settled", [60, 4000])
+def test_regression_of_period_means_is_the_general_one(tau, noise, settled):
+    """Also where the last means are the same number."""
+    period, j = 1e-4, np.arange(4000) + 0.5
+    means = 0.1 - 0.08 * np.exp(-j / tau) + noise * np.random.default_rng(7).standard_normal(4000)
+    means[settled:] = means[-1]
+    general, fast = fit_exponential(j * period, means), fit_period_means(means, period)
+    assert fast.reason == general.reason
+    # rounding of the cost, 1e-16 of 4000 squares of the noise, hides steps of the time constant
+    assert fast.time_constant == pytest.approx(general.time_constant, rel=1e-5)
+    assert fast.asymptote == pytest.approx(general.asymptote, rel=1e-9)
+    assert fast.amplitude == pytest.approx(general.amplitude, rel=1e-5)
+    # residuals of an exact exponential are rounding
+    assert fast.residual == pytest.approx(general.residual, rel=1e-6, abs=1e-12)
+    if general.residual > 1e-12:
+        assert fast.covariance == pytest.approx(general.covariance, rel=1e-4)
