@@ -7,7 +7,7 @@ import os
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from ament_index_python.packages import PackageNotFoundError, get_package_prefix
@@ -76,6 +76,8 @@ class NodeProcess:
         File that takes what it writes.
     remappings : mapping, optional
         Names in the executable, and what they become.
+    arguments : sequence of str
+        Further arguments for ROS, e.g. a parameter file.
 
     """
 
@@ -86,6 +88,7 @@ class NodeProcess:
         namespace: str,
         log_path: Path,
         remappings: Mapping[str, str] | None = None,
+        arguments: Sequence[str] = (),
     ) -> None:
         self.name = name
         self.log_path = log_path
@@ -94,6 +97,7 @@ class NodeProcess:
         command = [str(executable), "--ros-args"]
         for left, right in rules.items():
             command += ["-r", f"{left}:={right}"]
+        command += arguments
         with log_path.open("wb") as log:
             # a session of its own keeps a Ctrl-C at the terminal for the one who orders the stop
             self._process = subprocess.Popen(
@@ -109,6 +113,11 @@ class NodeProcess:
     def pid(self) -> int:
         """Process id."""
         return self._process.pid
+
+    @property
+    def exit_code(self) -> int | None:
+        """Exit code; None while the process runs, minus the signal that ended it."""
+        return self._process.poll()
 
     @property
     def is_running(self) -> bool:
