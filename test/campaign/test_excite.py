@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -18,6 +19,7 @@ from imotor_ros.campaign.plan import RunPlan, plan_run
 from imotor_ros.campaign.point import PointParameters
 from imotor_ros.campaign.sim_bench import SimBench, play_trial
 from imotor_ros.core.correction import Excitation
+from imotor_ros.core.drive_limits import program_demand
 from imotor_ros.core.response_measurement import ResponseParameters, measure_response
 from imotor_ros.core.trial import carry_out
 from imotor_ros.errors import DriveLimitError, ExcitationError
@@ -96,9 +98,44 @@ def test_excitation_is_that_of_the_core(tmp_path: Path) -> None:
     assert found.excitation == direct
 
 
-def test_motion_beyond_the_limits_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DriveLimitError, match=r"needs a voltage of .* V, expected at most 120 V"):
-        excited(plan_of(tmp_path, **{"signal.stroke": 25e-6}))
+@pytest.mark.parametrize(
+    ("leaves", "reason"),
+    [
+        ({"signal.stroke": 25e-6}, r"needs a voltage of .* V, expected at most 120 V"),
+        ({"stand.motor.amplifier.lowest_voltage": 0.0, "signal.stroke": 19e-6},
+         r"needs a voltage of -.* V, expected at least 0 V"),
+        ({"stand.motor.amplifier.slew_rate": 1e6},
+         r"needs a slew rate of .* V/s, expected at most 1e\+06 V/s"),
+        ({"stand.motor.amplifier.current_limit": 1.0}, r"needs a current of .* A, .* at most 1 A"),
+        ({"stand.rod_vibrometer.velocity_range": 0.025},
+         r"needs a velocity of .* m/s, expected at most 0\.25 m/s"),
+    ],
+)  # fmt: skip
+def test_motion_beyond_the_limits_is_refused(
+    tmp_path: Path, leaves: dict[str, Any], reason: str
+) -> None:
+    with pytest.raises(DriveLimitError, match=reason):
+        excited(plan_of(tmp_path, **leaves))
+
+
+@pytest.mark.parametrize(
+    ("limit", "quantity"), [("highest_voltage", "voltage"), ("slew_rate", "slew rate")]
+)
+def test_run_beyond_the_limits_is_refused_before_its_first_sample(
+    tmp_path: Path, limit: str, quantity: str
+) -> None:
+    """Also one whose voltage does not come from a search."""
+    plan = plan_of(tmp_path)
+    demand = program_demand(plan.program)
+    needed = demand.highest if limit == "highest_voltage" else demand.slope
+    stand = plan.parameters.stand
+    amplifier = stand.motor.amplifier.replace(**{limit: 0.999 * needed})
+    parameters = plan.parameters.replace(
+        stand=stand.replace(motor=stand.motor.replace(amplifier=amplifier))
+    )
+    with pytest.raises(DriveLimitError, match=f"needs a {quantity}"):
+        list(SimBench().run(replace(plan, parameters=parameters)))
+    assert not plan.bag_path.exists()
 
 
 def test_motion_that_is_not_reached_is_refused_with_the_reason(tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """From the wanted motion to the voltage: the correction, its limits and its refusals."""
 
 import math
-import re
 from collections.abc import Callable
 from typing import Any
 
@@ -206,27 +205,40 @@ def test_motion_that_noise_hides_is_refused_with_the_reason(make_rig: MakeRig) -
         correct(make_rig("paper", vibrometer=loud), motion)
 
 
-@pytest.mark.parametrize("damping_ratio", [0.05, 0.01, 0.003])
-@pytest.mark.parametrize("harmonic", [1, 2, 3])
-def test_resonance_at_a_harmonic_converges_or_is_refused(
-    make_rig: MakeRig, harmonic: int, damping_ratio: float
+@pytest.mark.parametrize(
+    ("harmonic", "damping_ratio", "reason"),
+    [
+        # the other harmonics are far above the resonance, where the rod hardly follows
+        (1, 0.05, r"needs a voltage of -\d+\.\d+ V, expected at least -20 V"),
+        (1, 0.02, r"needs a voltage of -\d+\.\d+ V, expected at least -20 V"),
+        (2, 0.05, ""),
+        (2, 0.01, ""),
+        (2, 0.003, ""),
+        (3, 0.05, ""),
+        (3, 0.01, ""),
+        # a small error of the voltage, and the rod moves faster than the vibrometer can show
+        (3, 0.003, r"rod/velocity: cannot be used, got 'over range'"),
+    ],
+)
+def test_resonance_at_a_harmonic_converges_or_is_refused_with_the_reason(
+    make_rig: MakeRig, harmonic: int, damping_ratio: float, reason: str
 ) -> None:
-    """Right at it, the phase turns by 90 degrees within twice the damping ratio."""
-    frequency = harmonic * 4625.0
+    """Right at it, the phase turns by 90 degrees within the damping ratio of its frequency."""
     stator = StatorParameters().replace(
-        resonance_frequency=frequency, damping_ratio=damping_ratio, second_mode_share=0.0
+        resonance_frequency=harmonic * 4625.0, damping_ratio=damping_ratio, second_mode_share=0.0
     )
     rig = make_rig(MotorParameters(stator=stator))
     motion = parabolic_sawtooth(3, fundamental_frequency=4625.0)
+    # three time constants 1 / (2 pi f zeta) of the mode and more
     settling_time = 30e-3 if damping_ratio < 0.01 else 10e-3
-    reason = ""
-    try:
-        correct(rig, motion, CorrectionParameters(settling_time=settling_time))
-    except (ExcitationError, BadInputError) as error:
-        reason = str(error)
+    settings = CorrectionParameters(settling_time=settling_time)
     if reason:
-        assert re.search("corrections harmonic|needs a|over range", reason)
+        with pytest.raises((ExcitationError, DriveLimitError), match=reason):
+            correct(rig, motion, settings)
         return
+    found = correct(rig, motion, settings)
+    assert max(map(abs, found.amplitude_errors)) < 0.01
+    assert max(map(abs, found.phase_errors)) < math.radians(1.0)
     amplitude, phase = true_errors(rig, motion, settling_time)
     assert amplitude < 0.01
     assert phase < math.radians(1.0)
