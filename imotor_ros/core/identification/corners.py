@@ -27,7 +27,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -96,8 +96,11 @@ class CornerWaveform:
         Phases (rad) of the corners.
     jumps : ndarray, shape (m, 2)
         Weight (m/s) of the jump of the acceleration and of that of its slope at each corner.
-    covariance : ndarray
-        Covariance of real and imaginary parts of `smooth` in turn, of `jumps`, of `corners`.
+    jacobian : ndarray, shape (values, fitted)
+        Derivatives of the phasors, over their noise, by what was fitted.
+    spread : ndarray, shape (parameters, fitted)
+        How the parameters follow from what was fitted: real and imaginary parts of `smooth` in
+        turn, `jumps`, `corners`.
     chi_square, freedom : float, int
         Sum of squared residuals over the noise, before any are added, and degrees of freedom.
 
@@ -106,9 +109,15 @@ class CornerWaveform:
     smooth: Complex
     corners: Array
     jumps: Array
-    covariance: Array
+    jacobian: Array
+    spread: Array
     chi_square: float
     freedom: int
+
+    @cached_property
+    def covariance(self) -> Array:
+        """Covariance of real and imaginary parts of `smooth` in turn, of `jumps`, of `corners`."""
+        return np.asarray(self.spread @ _covariance(self.jacobian) @ self.spread.T)
 
     @property
     def misfit(self) -> float:
@@ -347,7 +356,8 @@ class _Design:
             smooth=smooth,
             corners=corners,
             jumps=jumps,
-            covariance=spread @ _covariance(matrix) @ spread.T,
+            jacobian=matrix,
+            spread=spread,
             chi_square=chi_square,
             freedom=self._wanted.size - matrix.shape[1],
         )

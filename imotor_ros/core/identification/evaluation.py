@@ -15,7 +15,14 @@ from imotor_ros.core.identification.records import ChannelRecord, Identification
 from imotor_ros.core.identification.regime import SLIDES, Agreement, classify, find_agreement
 from imotor_ros.core.identification.results import StepResult
 from imotor_ros.core.identification.stepped_sine import REST, DriveStep, steps_of
-from imotor_ros.core.identification.steps import FEWEST_HARMONICS, harmonic_count, measure_step
+from imotor_ros.core.identification.steps import (
+    FEWEST_HARMONICS,
+    ROD_SHARE,
+    SLIDER_SHARE,
+    compare_heads,
+    harmonic_count,
+    measure_step,
+)
 from imotor_ros.errors import BadInputError
 
 # Samples around what is evaluated that must be good as well: the filters spread what is not.
@@ -23,9 +30,6 @@ _MARGIN = 64
 
 # The offset is a mean over the rest, of which the first part is left to the filters.
 _REST_SKIPPED = 0.2
-
-# How the heads agree is found from the steps, and helps to find their corners.
-_ROUNDS = 2
 
 _FEWEST_DEVIATIONS = 10.0
 _CLEAR_MISFIT = 3.0
@@ -78,35 +82,33 @@ def evaluate_steps(run: MeasuredRun) -> tuple[list[StepResult], Agreement]:
         few harmonics.
 
     """
-    count, offset = _harmonics(run), _rest_offset(run)
-    folded = [_fold(run, step, count) for step in steps_of(run.program)]
-    agreement = Agreement(1.0 + 0.0j, math.nan, 0)
-    for _ in range(_ROUNDS):
-        results = [_measure(run, one, offset, agreement.ratio) for one in folded]
-        agreement = find_agreement([one.measurement for one in results if one.measurement])
+    counts, offset = _harmonics(run), _rest_offset(run)
+    folded = [_fold(run, step, counts) for step in steps_of(run.program)]
+    # tells in every step where the rod overtakes the slider
+    agreement = find_agreement([compare_heads(*one.heads) for one in folded if one.heads])
+    results = [_measure(run, one, offset, agreement.ratio) for one in folded]
     return [_judged(run, one, agreement) for one in results], agreement
 
 
-def _harmonics(run: MeasuredRun) -> int:
-    """Return how many harmonics both channels show."""
-    for record in (run.rod, run.slider):
-        if record.channel.high_pass_frequency > 0.1 * run.frequency:
+def _harmonics(run: MeasuredRun) -> tuple[int, int]:
+    """Return how many harmonics of rod and slider are used."""
+    pairs = ((run.rod.channel, ROD_SHARE), (run.slider.channel, SLIDER_SHARE))
+    counts = []
+    for channel, share in pairs:
+        if channel.high_pass_frequency > 0.1 * run.frequency:
             raise BadInputError(
-                "is coupled too high", where=f"{record.channel.name}: high_pass_frequency",
-                value=record.channel.high_pass_frequency, bound=f"<= {0.1 * run.frequency:g} Hz",
+                "is coupled too high", where=f"{channel.name}: high_pass_frequency",
+                value=channel.high_pass_frequency, bound=f"<= {0.1 * run.frequency:g} Hz",
             )  # fmt: skip
-    counts = {
-        record.channel.name: harmonic_count(run.frequency, record.channel.bandwidth, run.rate)
-        for record in (run.rod, run.slider)
-    }
-    name = min(counts, key=lambda one: counts[one])
-    if counts[name] < FEWEST_HARMONICS:
-        raise BadInputError(
-            "is too low for the drive frequency", where=f"{name}: bandwidth or sample rate",
-            value=counts[name], bound=f">= {FEWEST_HARMONICS} harmonics of {run.frequency:g} Hz "
-            "below half the bandwidth and a fifth of the sample rate",
-        )  # fmt: skip
-    return counts[name]
+        counts.append(harmonic_count(run.frequency, channel.bandwidth, run.rate, share))
+        if counts[-1] < FEWEST_HARMONICS:
+            raise BadInputError(
+                "is too low for the drive frequency",
+                where=f"{channel.name}: bandwidth or sample rate", value=counts[-1],
+                bound=f">= {FEWEST_HARMONICS} harmonics of {run.frequency:g} Hz below "
+                f"{share:g} of the bandwidth and a fifth of the sample rate",
+            )  # fmt: skip
+    return counts[0], counts[1]
 
 
 def _rest_offset(run: MeasuredRun) -> float | None:
@@ -125,13 +127,12 @@ class _Folded:
     """The harmonics of both velocities in one step, or why there are none."""
 
     step: DriveStep
-    rod: Harmonics | None = None
-    slider: Harmonics | None = None
+    heads: tuple[Harmonics, Harmonics] | None = None
     reason: str = ""
     is_bad: bool = False
 
 
-def _fold(run: MeasuredRun, step: DriveStep, count: int) -> _Folded:
+def _fold(run: MeasuredRun, step: DriveStep, counts: tuple[int, int]) -> _Folded:
     start = step.start + round(run.parameters.settling_time * run.rate)
     period = run.rate / run.frequency
     delays = [record.channel.delay * run.rate for record in (run.rod, run.slider)]
@@ -148,19 +149,20 @@ def _fold(run: MeasuredRun, step: DriveStep, count: int) -> _Folded:
             record.samples, record.channel, start=start, periods=periods,
             frequency=run.frequency, sample_rate=run.rate, count=count,
         )
-        for record in (run.rod, run.slider)
+        for record, count in zip((run.rod, run.slider), counts, strict=True)
     )  # fmt: skip
-    return _Folded(step, rod, slider)
+    if min(abs(one.phasors[0]) / one.noise for one in (rod, slider)) < _FEWEST_DEVIATIONS:
+        return _Folded(step, reason="the motion is lost in the noise")
+    return _Folded(step, (rod, slider))
 
 
 def _measure(
     run: MeasuredRun, folded: _Folded, offset: float | None, agreement: complex
 ) -> StepResult:
-    step, rod, slider = folded.step, folded.rod, folded.slider
-    if rod is None or slider is None:
+    step = folded.step
+    if folded.heads is None:
         return StepResult(step, reason=folded.reason, is_bad=folded.is_bad)
-    if min(abs(one.phasors[0]) / one.noise for one in (rod, slider)) < _FEWEST_DEVIATIONS:
-        return StepResult(step, reason="the motion is lost in the noise")
+    rod, slider = folded.heads
     measurement = measure_step(
         step, run.frequency, rod, slider, slider_offset=offset, agreement=agreement
     )

@@ -34,7 +34,7 @@ Complex = NDArray[np.complex128]
 _SETTLING_TIME = 8e-3
 _MEASURING_TIME = 10e-3
 _FEWEST_PERIODS = 4
-_MOST_HARMONICS = 20
+_MOST_HARMONICS = 40
 
 # Relative change of the voltage over that of the motion: the gain of a ceramic grows with both.
 _GROWTH = 0.8

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,10 +147,10 @@ def measure_harmonics(
     waveforms, means = np.empty((periods, points)), np.empty(periods)
     delay = channel.delay * sample_rate
     fold_rows(np.ascontiguousarray(samples), 0, start, period, delay, 0, waveforms, means)
-    orders = np.arange(1, count + 1)
-    phases = 2.0 * np.pi * (np.arange(points) + 0.5) / points
-    rows = waveforms @ (np.exp(-1j * np.outer(phases, orders)) * (2.0 / points))
-    response = residual_response(channel, np.asarray(orders * frequency, dtype=np.float64))
+    parts = waveforms @ _projection(points, count)
+    rows = parts[:, :count] + 1j * parts[:, count:]
+    orders = np.arange(1, count + 1, dtype=np.float64)
+    response = residual_response(channel, orders * frequency)
     half = periods // 2
     drift = (rows[-half:, 0].mean() - rows[:half, 0].mean()) / response[0]
     return Harmonics(
@@ -159,6 +160,14 @@ def measure_harmonics(
         drift=complex(drift),
         periods=periods,
     )
+
+
+@cache
+def _projection(points: int, count: int) -> Array:
+    """Return what takes a waveform to the real, then the imaginary parts of its phasors."""
+    phases = 2.0 * np.pi * (np.arange(points) + 0.5) / points
+    turns = np.exp(-1j * np.outer(phases, np.arange(1, count + 1))) * (2.0 / points)
+    return np.hstack([turns.real, turns.imag])
 
 
 def _noise_of(rows: Complex, response: Complex) -> float:

@@ -20,7 +20,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from imotor_ros.core.identification.steps import StepMeasurement
+from imotor_ros.core.identification.steps import HeadComparison, StepMeasurement
 
 STICKS = "sticks"
 BOTH = "both"
@@ -57,7 +57,7 @@ class Agreement:
     steps: int
 
 
-def find_agreement(measurements: Sequence[StepMeasurement]) -> Agreement:
+def find_agreement(measurements: Sequence[HeadComparison]) -> Agreement:
     """Return what the steps that stick have in common."""
     chosen = [one for one in measurements if one.excess_harmonic <= stick_tolerance(one)]
     while chosen:
@@ -82,15 +82,15 @@ def classify(measurement: StepMeasurement, agreement: Agreement) -> str:
     return SLIDES if slides_on and measurement.closest_approach >= _CLEAR_APPROACH else BOTH
 
 
-def _ratio(measurement: StepMeasurement) -> complex:
+def _ratio(measurement: HeadComparison) -> complex:
     return cmath.rect(measurement.amplitude_ratio, -measurement.phase)
 
 
-def _distance(measurement: StepMeasurement, agreement: Agreement) -> float:
+def _distance(measurement: HeadComparison, agreement: Agreement) -> float:
     """Return the relative motion of rod and slider, over the motion (first harmonics)."""
     return abs(_ratio(measurement) / agreement.ratio - 1.0)
 
 
-def stick_tolerance(measurement: StepMeasurement) -> float:
+def stick_tolerance(measurement: HeadComparison) -> float:
     """Return the relative motion, as a share of the rod's, that is not told from sticking."""
     return math.hypot(_LEAST_SHARE, _SIGNIFICANT * measurement.phase_noise)

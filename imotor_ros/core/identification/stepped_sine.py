@@ -57,9 +57,9 @@ class SteppedSineParameters(Parameters):
         source="section 6; four leave 0.2 % of unwanted harmonics on the paper's stand",
     )  # fmt: skip
     corrected_frequency: float = parameter(
-        40e3, "highest frequency of the harmonics that hysteresis makes and a correction brings "
+        80e3, "highest frequency of the harmonics that hysteresis makes and a correction brings "
         "to rest", unit="Hz", low=0.0, high=1e6,
-        source="assumed: beyond the stator's mode at 36 kHz",
+        source="assumed: what vibrometer and amplifier still show and pass",
     )  # fmt: skip
     offset: float = parameter(
         50.0, "voltage about which the sine swings", unit="V", low=-1e3, high=1e3

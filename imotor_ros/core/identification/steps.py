@@ -44,6 +44,9 @@ FEWEST_HARMONICS = 5
 
 MOST_HARMONICS = 40
 
+SLIDER_SHARE, ROD_SHARE = 0.5, 0.9
+"""Share of the bandwidth up to which harmonics of the slider and of the rod are used."""
+
 _PHASES = TURN * (np.arange(POINTS) + 0.5) / POINTS
 _FINE_PHASES = TURN * np.arange(4 * POINTS) / (4 * POINTS)
 _SIGNIFICANT = 4.0
@@ -55,15 +58,19 @@ _MOST_CROSSINGS = 10
 _CROSSING_ROUNDS = 3
 
 
-def harmonic_count(frequency: float, bandwidth: float, sample_rate: float) -> int:
+def harmonic_count(
+    frequency: float, bandwidth: float, sample_rate: float, share: float = SLIDER_SHARE
+) -> int:
     """
     Return how many harmonics of the drive are worth using.
 
-    Up to half the bandwidth of the channels, where a low-pass that differs from its description
-    by a tenth changes them by no more than 2 %, and up to a fifth of the sample rate.
+    Those of the slider up to half the bandwidth of its channel, where a low-pass that differs from
+    its description by a tenth changes them by no more than 2 %; those of the rod, which are
+    small and hardly enter the force, further. And none above a fifth of the sample rate.
     """
-    limit = min(0.5 * bandwidth if bandwidth > 0.0 else math.inf, 0.2 * sample_rate)
-    return min(math.floor(limit / frequency + 1e-9), MOST_HARMONICS)
+    limit = min(share * bandwidth if bandwidth > 0.0 else math.inf, 0.2 * sample_rate)
+    most = MOST_HARMONICS * share / SLIDER_SHARE
+    return math.floor(min(limit / frequency, most) + 1e-9)
 
 
 def free_harmonics(count: int) -> int:
@@ -72,7 +79,42 @@ def free_harmonics(count: int) -> int:
 
 
 @dataclass(frozen=True)
-class StepMeasurement:
+class HeadComparison:
+    """
+    First harmonics of both velocities, compared.
+
+    Attributes
+    ----------
+    phase : float
+        Phase of the slider's first harmonic behind the rod's (rad).
+    amplitude_ratio : float
+        First harmonic of the slider's velocity over that of the rod's.
+    phase_noise : float
+        Standard deviation of `phase` and `amplitude_ratio` by noise.
+    excess_harmonic : float
+        Third harmonic of the slider's velocity over its first, less what the rod's would be.
+
+    """
+
+    phase: float
+    amplitude_ratio: float
+    phase_noise: float
+    excess_harmonic: float
+
+
+def compare_heads(rod: Harmonics, slider: Harmonics) -> HeadComparison:
+    """Return how the slider's velocity compares with the rod's."""
+    first, ratio = slider.phasors[0], slider.phasors[0] / rod.phasors[0]
+    return HeadComparison(
+        phase=-cmath.phase(ratio),
+        amplitude_ratio=float(abs(ratio)),
+        phase_noise=math.hypot(slider.noise / abs(first), rod.noise / abs(rod.phasors[0])),
+        excess_harmonic=_excess(rod, slider, 2),
+    )
+
+
+@dataclass(frozen=True)
+class StepMeasurement(HeadComparison):
     """
     What was measured in one step; without the slider's mass, so as accelerations.
 
@@ -90,22 +132,16 @@ class StepMeasurement:
         Mean absolute relative velocity (m/s), equation (7).
     mean_slider_speed : float
         Mean absolute slider velocity (m/s).
-    phase : float
-        Phase of the slider's first harmonic behind the rod's (rad).
-    amplitude_ratio : float
-        First harmonic of the slider's velocity over that of the rod's.
     odd_harmonics : tuple of float
         Harmonics 3, 5, 7, ... of the slider's velocity over its first.
-    phase_noise : float
-        Standard deviation of `phase` and `amplitude_ratio` by noise.
-    excess_harmonic : float
-        Third harmonic of the slider's velocity over its first, less what the rod's would be.
     crossing_margin : float
         Rod acceleration where the relative velocity changes sign, over the slider's by friction.
         Below 1 the slider sticks there, above it slides on. NaN where no corner is seen.
     closest_approach : float
         Smallest relative speed at which the relative velocity turns round, over what noise makes
         of one: how closely the rod comes back to the slider without clearly overtaking it.
+    resolved : int
+        Number of harmonics of the slider velocity that were measured.
     rising_share : float
         Share of the period in which the slider velocity rises; 1/2 without outer force.
     drift : float
@@ -128,13 +164,10 @@ class StepMeasurement:
     mean_acceleration_noise: float
     mean_relative_speed: float
     mean_slider_speed: float
-    phase: float
-    amplitude_ratio: float
     odd_harmonics: tuple[float, ...]
-    phase_noise: float
-    excess_harmonic: float
     crossing_margin: float
     closest_approach: float
+    resolved: int
     rising_share: float
     drift: float
     misfit: float
@@ -254,9 +287,10 @@ def measure_step(
     mean = 0.0 if slider_offset is None else slider.mean - slider_offset
     slider_velocity = curve.velocity(_PHASES) + mean
     relative = np.abs(trigonometric_value(rod.phasors, _PHASES) - slider_velocity)
-    first, ratio = slider.phasors[0], slider.phasors[0] / rod.phasors[0]
+    first = slider.phasors[0]
     omega = TURN * frequency
     return StepMeasurement(
+        **vars(compare_heads(rod, slider)),
         step=step,
         periods=slider.periods,
         rod_amplitude=float(abs(rod.phasors[0]) / omega),
@@ -264,13 +298,10 @@ def measure_step(
         mean_acceleration_noise=frequency * curve.total_variation_noise,
         mean_relative_speed=float(relative.mean()),
         mean_slider_speed=float(np.abs(slider_velocity).mean()),
-        phase=-cmath.phase(ratio),
-        amplitude_ratio=float(abs(ratio)),
         odd_harmonics=tuple(np.abs(slider.phasors[2::2] / first).tolist()),
-        phase_noise=math.hypot(slider.noise / abs(first), rod.noise / abs(rod.phasors[0])),
-        excess_harmonic=_excess(rod, slider, 2),
-        crossing_margin=_crossing_margin(curve, seen.phasors),
+        crossing_margin=_crossing_margin(curve, seen.phasors, slider.phasors.size),
         closest_approach=_closest_approach(seen, curve, slider.noise),
+        resolved=slider.phasors.size,
         rising_share=_rising_share(curve),
         drift=float(abs(slider.drift / first)),
         misfit=curve.misfit,
@@ -306,7 +337,7 @@ def _excess(rod: Harmonics, slider: Harmonics, index: int) -> float:
     return float(np.abs(left))
 
 
-def _crossing_margin(curve: CornerWaveform, rod: NDArray[np.complex128]) -> float:
+def _crossing_margin(curve: CornerWaveform, rod: NDArray[np.complex128], resolved: int) -> float:
     """
     Return the rod's acceleration at a corner over half the jump of the slider's; NaN without.
 
@@ -322,7 +353,7 @@ def _crossing_margin(curve: CornerWaveform, rod: NDArray[np.complex128]) -> floa
     if curve.corners.size == 0:
         return math.nan
     orders = np.arange(1, rod.size + 1)
-    share = np.sinc(orders / rod.size) if curve.corners.size == 2 else 1.0
+    share = np.sinc(orders / resolved) if curve.corners.size == 2 else 1.0
     rod_slope = trigonometric_value(1j * orders * share * rod, curve.corners)
     with np.errstate(divide="ignore", invalid="ignore"):
         return float(np.min(rod_slope / (0.5 * curve.slope_jumps)))
