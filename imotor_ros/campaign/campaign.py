@@ -5,8 +5,9 @@ from __future__ import annotations
 import itertools
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
 
@@ -14,7 +15,7 @@ from imotor_ros.campaign.driver import Driver
 from imotor_ros.campaign.leaves import flatten
 from imotor_ros.campaign.order import sequence_of
 from imotor_ros.campaign.point import PointParameters
-from imotor_ros.core.parameters import all_leaves
+from imotor_ros.core.parameters import all_leaves, deciding_choice
 from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
 
 _KEYS = (
@@ -136,15 +137,17 @@ def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
                 where=f"{where}: {key}",
                 bound="one of " + ", ".join(_KEYS),
             )
+    for key in ("name", "description"):
+        _check_text(mapping.get(key, ""), f"{where}: {key}")
     stand = flatten(mapping.get("stand") or {}, f"{where}: stand")
     common = {f"stand.{name}": value for name, value in stand}
-    common.update(flatten(mapping.get("point") or {}, f"{where}: point"))
-    combinations = _combinations(mapping.get("sweep") or {}, f"{where}: sweep")
-    single = mapping.get("points") or [{}]
-    if not isinstance(single, list):
-        raise BadInputError("is not a list", where=f"{where}: points", value=single)
+    shared = dict(flatten(mapping.get("point") or {}, f"{where}: point"))
+    combinations = _combinations(mapping.get("sweep", {}), f"{where}: sweep")
+    single = mapping.get("points", [{}])
+    if not isinstance(single, list) or not single:
+        raise BadInputError("is not a list of points", where=f"{where}: points", value=single)
     points = [
-        _point({**common, **swept, **dict(flatten(extra, f"{where}: points"))}, swept, where)
+        _point(_Layers(common, shared, swept, dict(flatten(extra, f"{where}: points"))), where)
         for extra in single
         for swept in combinations
     ]
@@ -183,7 +186,7 @@ def _in_order(
 
 def _combinations(sweep: Any, where: str) -> list[dict[str, Any]]:
     if not isinstance(sweep, Mapping):
-        raise BadInputError("is not a mapping", where=where, value=sweep)
+        raise BadInputError("is not a mapping of lists of values", where=where, value=sweep)
     for name, values in sweep.items():
         if not isinstance(values, list) or not values:
             raise BadInputError("is not a list of values", where=f"{where}: {name}", value=values)
@@ -191,15 +194,77 @@ def _combinations(sweep: Any, where: str) -> list[dict[str, Any]]:
     return [dict(zip(sweep.keys(), values, strict=True)) for values in product]
 
 
-def _point(leaves: dict[str, Any], swept: Mapping[str, Any], where: str) -> NamedPoint:
+class _Layers(NamedTuple):
+    """Values by dotted name that make up a point; a later one overrides an earlier one."""
+
+    stand: Mapping[str, Any]
+    point: Mapping[str, Any]
+    sweep: Mapping[str, Any]
+    special: Mapping[str, Any]
+
+    def depth(self, leaf: str) -> int:
+        """Return the number of the last layer that holds a name, -1 if none does."""
+        return max((i for i, layer in enumerate(self) if leaf in layer), default=-1)
+
+
+def _point(layers: _Layers, where: str) -> NamedPoint:
+    leaves = {name: value for layer in layers for name, value in layer.items()}
     name = leaves.pop("name", "") or "_".join(
-        f"{key.rpartition('.')[2]}-{value}" for key, value in swept.items()
+        f"{key.rpartition('.')[2]}-{value}" for key, value in layers.sweep.items()
     )
-    known = {leaf for leaf, _, _ in all_leaves(PointParameters)}
+    _check_text(name, f"{where}: name")
+    known = _choices()
     for leaf in leaves:
         if leaf not in known:
             raise UnknownKeyError("is not a parameter of a point", where=f"{where}: {leaf}")
-    return NamedPoint(str(name) or "point", PointParameters.from_leaves(leaves, where))
+    parameters = PointParameters.from_leaves(leaves, where)
+    for leaf in leaves:
+        if known[leaf] and not _has(parameters, leaf):
+            _check_left_out(leaf, known[leaf], layers, parameters, where)
+    return NamedPoint(str(name) or "point", parameters)
+
+
+@cache
+def _choices() -> Mapping[str, str]:
+    """Return every parameter of a point, and the key that decides whether there is one."""
+    return {
+        leaf: deciding_choice(PointParameters, leaf) for leaf, _, _ in all_leaves(PointParameters)
+    }
+
+
+def _has(parameters: PointParameters, leaf: str) -> bool:
+    group: Any = parameters
+    for part in leaf.split("."):
+        if not hasattr(group, part):
+            return False
+        group = getattr(group, part)
+    return True
+
+
+def _check_left_out(
+    leaf: str, key: str, layers: _Layers, parameters: PointParameters, where: str
+) -> None:
+    """
+    Refuse a parameter of a law that the point does not have.
+
+    It is left out where a later layer chooses another law than the one it was meant for, as a
+    point may do with the law of the stand; but nobody sweeps over what has no effect.
+    """
+    if leaf not in layers.sweep and layers.depth(key) > layers.depth(leaf):
+        return
+    chosen = {name: value for name, value, _ in parameters.leaves()}
+    group = key.rpartition(".")[0] + "."
+    raise BadInputError(
+        f"is not a parameter of {key} = {chosen[key]}",
+        where=f"{where}: {leaf}",
+        bound="one of " + ", ".join(n for n in chosen if n.startswith(group) and n != key),
+    )
+
+
+def _check_text(value: Any, where: str) -> None:
+    """Refuse a name that is none; a number will do."""
+    if not isinstance(value, (str, int, float)) or isinstance(value, bool):
+        raise BadInputError("is not a text", where=where, value=value)
 
 
 def _unique(points: list[NamedPoint]) -> Iterable[NamedPoint]:

@@ -11,13 +11,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Self
 
 from imotor_ros.errors import BadInputError, UnknownKeyError
 
 _KEY = "imotor"
+
+_NUMBER_AS_TEXT = re.compile(r"(?P<mantissa>[-+]?(\d+\.?\d*|\.\d+))([eE](?P<exponent>[-+]?\d+))?")
 
 
 @dataclass(frozen=True)
@@ -121,10 +125,11 @@ class Parameters:
 
     def __post_init__(self) -> None:
         """Check every field against its type and bounds."""
-        for field in dataclasses.fields(self):
-            info = field.metadata[_KEY]
+        for field, info in _checked_fields(type(self)):
             value = getattr(self, field.name)
             if isinstance(info, FieldInfo):
+                if value is field.default:  # checked once for all
+                    continue
                 where = f"{type(self).__name__}.{field.name}"
                 object.__setattr__(self, field.name, _checked(value, field, info, where))
             elif not isinstance(value, tuple(info.classes.values())):
@@ -245,6 +250,44 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
 
+@cache
+def _checked_fields(
+    parameters_class: type[Parameters],
+) -> tuple[tuple[dataclasses.Field[Any], FieldInfo | _Group], ...]:
+    """Return the fields of a class and what is known about each; their defaults are accepted."""
+    found = []
+    for field in dataclasses.fields(parameters_class):
+        info = field.metadata[_KEY]
+        if isinstance(info, FieldInfo):
+            where = f"{parameters_class.__name__}.{field.name}"
+            _checked(field.default, field, info, where)
+        found.append((field, info))
+    return tuple(found)
+
+
+def deciding_choice(parameters_class: type[Parameters], leaf: str) -> str:
+    """
+    Return the key that decides whether a parameter exists, by dotted names; empty if none does.
+
+    Parameters
+    ----------
+    parameters_class : type
+        Where it is looked for.
+    leaf : str
+        One of `all_leaves`.
+
+    """
+    head, _, rest = leaf.partition(".")
+    field = next(one for one in dataclasses.fields(parameters_class) if one.name == head)
+    info = field.metadata[_KEY]
+    if not isinstance(info, _Group) or rest == info.key:
+        return ""
+    if info.key:
+        return f"{head}.{info.key}"
+    inner = deciding_choice(info.classes[""], rest)
+    return f"{head}.{inner}" if inner else ""
+
+
 def all_leaves(
     parameters_class: type[Parameters], prefix: str = ""
 ) -> Iterator[tuple[str, Any, FieldInfo]]:
@@ -360,10 +403,24 @@ def _checked(value: Any, field: dataclasses.Field[Any], info: FieldInfo, where: 
     return _number(value, wanted, info, where)
 
 
+def _hint(value: Any) -> str:
+    """Return how to write a number that YAML takes for a text, as it does with 15e-6."""
+    found = _NUMBER_AS_TEXT.fullmatch(value.strip()) if isinstance(value, str) else None
+    if found is None:
+        return ""
+    mantissa, exponent = found["mantissa"], found["exponent"]
+    if "." not in mantissa and exponent:
+        mantissa += ".0"
+    if exponent and exponent[0] not in "+-":
+        exponent = "+" + exponent
+    return f", written {mantissa}" + (f"e{exponent}" if exponent else "")
+
+
 def _number(value: Any, wanted: type, info: FieldInfo, where: str) -> float | int:
     is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
     if not is_number:
-        raise BadInputError("is not a number", where=where, value=value, bound=info.bound)
+        bound = info.bound + _hint(value)
+        raise BadInputError("is not a number", where=where, value=value, bound=bound)
     if wanted is int and math.isfinite(value) and value != int(value):
         raise BadInputError("is not a whole number", where=where, value=value)
     result: float | int = (

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -189,3 +190,58 @@ def test_every_parameter_file_lies_in_a_folder_that_a_test_reads() -> None:
     strange = [p for p in files if p.suffix == ".yaml" and p.parent.name not in known]
     assert not strange
     assert files
+
+
+LAW = "stand.motor.friction"
+
+
+def test_anything_can_be_swept() -> None:
+    """Motor, friction, load, signal and instruments, one or several at once."""
+    swept: dict[str, list[Any]] = {
+        "stand.motor.slider.mass": [5e-3, 7e-3],
+        f"{LAW}.slope": [0.0, 2.2],
+        "stand.motor.load.spring_stiffness": [0.0, 1e3],
+        "signal.maximum_frequency": [9250.0, 12e3],
+        "stand.slider_vibrometer.noise_density": [0.0, 1e-6],
+    }
+    points = campaign_from_mapping({"sweep": swept}).points
+    found = [{name: value for name, value, _ in one.parameters.leaves()} for one in points]
+    assert len({tuple(leaves[name] for name in swept) for leaves in found}) == 2**5
+    assert len({one.name for one in points}) == 2**5
+
+
+def test_law_of_a_later_layer_leaves_the_parameters_of_the_earlier_one_behind() -> None:
+    mapping = {
+        "stand": {"motor": {"friction": {"law": "velocity", "slope": 3.0}}},
+        "sweep": {f"{LAW}.law": ["velocity", "coulomb", "stribeck"]},
+    }
+    laws = [one.parameters.stand.motor.friction for one in campaign_from_mapping(mapping).points]
+    assert [type(law).__name__ for law in laws] == [
+        "VelocityDependentFriction", "CoulombFriction", "StribeckFriction",
+    ]  # fmt: skip
+    assert [getattr(law, "slope", None) for law in laws] == [3.0, None, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("mapping", "text"),
+    [
+        ({"point": {f"{LAW}.law": "coulomb", f"{LAW}.slope": 1.0}}, f"{LAW}.slope: is not a param"),
+        ({"point": {f"{LAW}.decay_velocity": 1e-3}}, f"{LAW}.law = velocity, expected one of"),
+        ({"point": {f"{LAW}.law": "coulomb"}, "sweep": {f"{LAW}.slope": [1.0, 2.0]}}, "= coulomb"),
+        ({"sweep": {f"{LAW}.slope": [1.0, 2.0]}, "points": [{f"{LAW}.law": "coulomb"}]}, "slope"),
+        ({"points": [{f"{LAW}.law": "coulomb"}, {f"{LAW}.slope": 1.0, f"{LAW}.law": "coulomb"}]},
+         "sliding_force"),
+        ({"name": [1, 2]}, "campaign: name: is not a text, got"),
+        ({"description": True}, "campaign: description: is not a text, got True"),
+        ({"points": []}, r"campaign: points: is not a list of points, got \[\]"),
+        ({"points": None}, "campaign: points: is not a list of points"),
+        ({"points": [{"name": [1, 2]}]}, "campaign: name: is not a text"),
+        ({"sweep": None}, "campaign: sweep: is not a mapping of lists"),
+        ({"point": {"signal.stroke": "15e-6"}}, r"> 0 and <= 0.001 m, written 15.0e-6$"),
+    ],
+)  # fmt: skip
+def test_what_would_silently_be_something_else_is_refused(
+    mapping: dict[str, Any], text: str
+) -> None:
+    with pytest.raises(BadInputError, match=text):
+        campaign_from_mapping(mapping)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +17,7 @@ from imotor_ros.core.parameters import (
     Parameters,
     all_leaves,
     choice,
+    deciding_choice,
     group,
     parameter,
 )
@@ -261,3 +263,36 @@ def test_round_trip_through_mapping_json_and_leaves(machine: Machine) -> None:
     assert Machine.from_leaves(leaves) == machine
     unset = {name: None for name, _, _ in all_leaves(Machine)}
     assert Machine.from_leaves({**unset, **leaves}) == machine, "as ROS parameters hold them"
+
+
+@pytest.mark.parametrize(
+    ("text", "written"),
+    [
+        ("15e-6", "15.0e-6"),
+        ("1e3", "1.0e+3"),
+        ("2.5e3", "2.5e+3"),
+        ("-.5E-2", "-.5e-2"),
+        ("7", "7"),
+    ],
+)
+def test_number_that_yaml_takes_for_a_text_is_answered_with_how_to_write_it(
+    text: str, written: str
+) -> None:
+    with pytest.raises(BadInputError, match=re.escape(f", written {written}") + "$"):
+        Machine(mass=text)  # type: ignore[arg-type]
+
+
+def test_default_out_of_bounds_is_refused_when_the_class_is_first_used() -> None:
+    @dataclass(frozen=True)
+    class Wrong(Parameters):
+        mass: float = parameter(-1.0, "mass", unit="kg", low=0.0)
+
+    with pytest.raises(BadInputError, match=r"Wrong\.mass: is out of bounds"):
+        Wrong(mass=1.0)
+
+
+def test_every_parameter_knows_the_choice_it_depends_on() -> None:
+    found = {leaf: deciding_choice(Machine, leaf) for leaf, _, _ in all_leaves(Machine)}
+    decided = {leaf for leaf, key in found.items() if key}
+    assert decided == {"friction.force", "friction.viscosity"}
+    assert found["friction.force"] == "friction.law"
