@@ -4,7 +4,8 @@ Cost of each stage of the virtual stand, in nanoseconds per sample and against t
 Run as `python bench/stand.py [SECONDS_OF_STREAM]`. All stages take the same run, the parabolic
 sawtooth with two harmonics at 9250 Hz, 15 um, in blocks of 10 000 samples at 1 MS/s; the best of
 three rounds counts, rounds of all stages taking turns. The ratios are those to the slider without
-load; the whole motor has the stops of the stand and reaches one after 0.15 s.
+load; the whole motor has the stops of the stand and reaches one after 0.15 s. "amplifier and
+stator" is the way from the wanted voltage to the rod, hysteresis and current included.
 """
 
 from __future__ import annotations
@@ -64,7 +65,12 @@ def stages(stand: StandParameters, seconds: float) -> dict[str, tuple[Callable[[
     moving = [(rod.velocity, rod.acceleration) for rod in rods]
     far_stops = motor.load.replace(lower_stop=-1.0, upper_stop=1.0)
     near_stops = motor.load.replace(upper_stop=1e-4)
-    capacitance = motor.stator.free_capacitance
+    capacitance = motor.stator.largest_capacitance
+
+    def make_rod() -> Callable[..., Any]:
+        amplifier = Amplifier(motor.amplifier, rate, load_capacitance=capacitance)
+        stator = Stator(motor.stator, rate)
+        return lambda block: stator.process(amplifier.process(block)[0])
 
     def instrument(make: Callable[..., Any], *arguments: Any, **options: Any) -> Callable[[], Any]:
         return lambda: make(*arguments, **options).process
@@ -90,6 +96,7 @@ def stages(stand: StandParameters, seconds: float) -> dict[str, tuple[Callable[[
             instrument(Stator, motor.stator, rate),
             [(response.stator_voltage,) for response in truth],
         ),
+        "amplifier and stator": (make_rod, [(block,) for block in voltage]),
         "voltage monitor": (
             instrument(Monitor, motor.voltage_monitor, rate, 1),
             [(response.stator_voltage,) for response in truth],
