@@ -15,14 +15,15 @@ from imotor_ros.campaign.driver import Driver
 from imotor_ros.campaign.leaves import flatten
 from imotor_ros.campaign.order import sequence_of
 from imotor_ros.campaign.point import PointParameters
+from imotor_ros.core.identification.stepped_sine import SteppedSineParameters
 from imotor_ros.core.parameters import all_leaves, deciding_choice
 from imotor_ros.errors import BadInputError, UnknownKeyError, UnreadableFileError
 
 _KEYS = (
     "name", "description", "driver", "driver_parameters", "stand", "point", "sweep", "points",
-    "repetitions", "order", "order_seed",
+    "repetitions", "order", "order_seed", "identification",
 )  # fmt: skip
-_RESERVED = (".", "..", "logs", "results.json")
+_RESERVED = (".", "..", "logs", "results.json", "identification")
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,9 @@ class Campaign:
         The runs, in order.
     driver : Driver
         What all of them are measured with.
+    identification : SteppedSineParameters or None
+        Drive of the run that the models' friction is identified from; None where the models have
+        the friction of the paper.
 
     """
 
@@ -54,13 +58,16 @@ class Campaign:
     description: str
     points: tuple[NamedPoint, ...]
     driver: Driver = field(default_factory=Driver)
+    identification: SteppedSineParameters | None = None
 
     def to_mapping(self) -> dict[str, Any]:
         """Return a mapping from which `campaign_from_mapping` makes an equal campaign."""
+        own = self.identification
         return {
             "name": self.name,
             "description": self.description,
             **self.driver.to_mapping(),
+            **({} if own is None else {"identification": own.to_mapping()}),
             "points": [
                 {"name": point.name, **point.parameters.to_mapping()} for point in self.points
             ],
@@ -98,7 +105,9 @@ def load_campaign(path: Path) -> Campaign:
     ``order`` is "rounds" (all points, then all again), "together" (repetitions in a row) or
     "random", as ``order_seed`` determines. ``driver`` names the executable that takes the place
     of the virtual motor and its instruments, ``driver_parameters`` its parameters, as a mapping
-    or as a YAML file beside this one.
+    or as a YAML file beside this one. ``identification`` asks for a run of its own that the
+    friction of the models is identified from: the parameters of a stepped sine, or a campaign
+    file with such a point beside this one, of which only these are used.
 
     Raises
     ------
@@ -115,7 +124,23 @@ def load_campaign(path: Path) -> Campaign:
     if isinstance(mapping, Mapping) and isinstance(mapping.get("driver_parameters"), str):
         driver_path = path.parent / mapping["driver_parameters"]
         mapping = {**mapping, "driver_parameters": read_yaml(driver_path)}
+    if isinstance(mapping, Mapping) and isinstance(mapping.get("identification"), str):
+        drive = _drive_in(path.parent / mapping["identification"])
+        mapping = {**mapping, "identification": drive}
     return campaign_from_mapping(mapping, str(path))
+
+
+def _drive_in(path: Path) -> dict[str, Any]:
+    """Return the parameters of the stepped sine that the point of a campaign file is driven by."""
+    content = read_yaml(path)
+    point = content.get("point") if isinstance(content, Mapping) else None
+    drive = point.get("drive") if isinstance(point, Mapping) else None
+    if not isinstance(drive, Mapping) or drive.get("kind") != "stepped_sine":
+        raise BadInputError(
+            "is not driven by a stepped sine", where=str(path),
+            bound="point: drive: kind: stepped_sine",
+        )  # fmt: skip
+    return {key: value for key, value in drive.items() if key != "kind"}
 
 
 def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
@@ -158,7 +183,15 @@ def campaign_from_mapping(mapping: Any, where: str = "campaign") -> Campaign:
         description=str(mapping.get("description", "")),
         points=tuple(replace(point, driver=driver) for point in in_order),
         driver=driver,
+        identification=_identification(mapping, where),
     )
+
+
+def _identification(mapping: Mapping[str, Any], where: str) -> SteppedSineParameters | None:
+    drive = mapping.get("identification")
+    if drive is None:
+        return None
+    return SteppedSineParameters.from_mapping(drive, f"{where}: identification")
 
 
 def _in_order(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,12 +21,14 @@ MODELS: dict[str, FrictionLaw] = {
     "model_1": CoulombFriction(),
     "model_2": VelocityDependentFriction(),
 }
-"""Friction model 1, equation (9), and model 2, equation (8)."""
+"""Friction model 1, equation (9), and model 2, equation (8), as the paper identified them."""
 
 _PREDICTED = ("mean_velocity", "start_up_time", "ripple", "durability", "force")
 
 
-def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
+def predict_point(
+    parameters: PointParameters, laws: Mapping[str, FrictionLaw] = MODELS
+) -> dict[str, dict[str, Any]]:
     """
     Return what each model predicts for a point.
 
@@ -37,6 +40,8 @@ def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
     ----------
     parameters : PointParameters
         The point.
+    laws : mapping
+        Friction law by model, by default those of the paper.
 
     Returns
     -------
@@ -51,7 +56,7 @@ def predict_point(parameters: PointParameters) -> dict[str, dict[str, Any]]:
     motor = parameters.stand.motor
     power = apparent_power(parameters, motion)
     result = {}
-    for name, friction in MODELS.items():
+    for name, friction in laws.items():
         free = _predict(motion, motor.slider, friction, _without_stops(motor.load))
         velocity = free["mean_velocity"]
         free["efficiency"] = None if velocity is None else velocity / power

@@ -2,122 +2,93 @@
 The runner: carries out a campaign on a bench, as a generator of events.
 
 Progress bar, table and files are listeners of these events; the runner itself writes only
-``results.json``, after every point, so that an interrupted campaign can be resumed.
+``results.json``, after every run, so that an interrupted campaign can be resumed. What it holds
+depends neither on interruptions nor on the number of processes.
 """
 
 from __future__ import annotations
 
-import json
 import os
-import time
+from collections import deque
 from collections.abc import Callable, Generator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from imotor_ros.campaign.bench import Bench, PerformanceReported, RunEvent
+from imotor_ros.campaign.bench import Bench, RunEvent
 from imotor_ros.campaign.campaign import Campaign, NamedPoint
-from imotor_ros.campaign.conclusions import MeasuredPoint, draw_conclusions
-from imotor_ros.campaign.excite import excite_run
-from imotor_ros.campaign.plan import RunPlan, plan_run, run_id_of
-from imotor_ros.campaign.predictions import predict_point
-from imotor_ros.core.indicators import Performance
-from imotor_ros.errors import (
-    BadInputError,
-    DriveLimitError,
-    ImotorError,
-    RecordingError,
-    RunError,
-    UnreadableFileError,
+from imotor_ros.campaign.own_friction import identification_points
+from imotor_ros.campaign.plan import RunPlan, plan_run
+from imotor_ros.campaign.predictions import MODELS
+from imotor_ros.campaign.results import (
+    DONE,
+    FAILED,
+    RESULTS_NAME,
+    FrictionResult,
+    PointResult,
+    Results,
+    RunResult,
 )
+from imotor_ros.campaign.tasks import IdentificationTask, Outcome, PredictionTask, RunTask
+from imotor_ros.campaign.workers import Advanced, Finished, Task, work_here, work_in_processes
+from imotor_ros.errors import BadInputError
 
-RESULTS_NAME = "results.json"
-
-DONE = "done"
-FAILED = "failed"
-
-
-@dataclass(frozen=True)
-class PointResult:
-    """
-    What came of one point.
-
-    Attributes
-    ----------
-    name, run_id : str
-        Name of the point and id of its run.
-    status : str
-        "done" or "failed".
-    error : str
-        Why it failed; empty otherwise.
-    performance : Performance or None
-        The final indicators; None where it failed.
-    predictions : mapping
-        What each model predicts, by model and indicator; a value is a number or None.
-    bag : str
-        Path of the bag, relative to the results.
-    seconds : float
-        How long it took.
-
-    """
-
-    name: str
-    run_id: str
-    status: str
-    error: str
-    performance: Performance | None
-    predictions: Mapping[str, Mapping[str, Any]]
-    bag: str
-    seconds: float
-
-    def to_mapping(self) -> dict[str, Any]:
-        """Return the result as plain JSON; what differs from run to run is left out."""
-        return {
-            "name": self.name,
-            "run_id": self.run_id,
-            "status": self.status,
-            "error": self.error,
-            "bag": self.bag,
-            "performance": None if self.performance is None else self.performance.to_mapping(),
-            "predictions": {model: dict(values) for model, values in self.predictions.items()},
-        }
+__all__ = [
+    "DONE", "FAILED", "RESULTS_NAME", "CampaignEvent", "CampaignFinished", "CampaignStarted",
+    "PointFinished", "PointResult", "PointStarted", "RunAdvanced", "run_campaign",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
 class CampaignStarted:
-    """The campaign begins: how many points there are, and how many were done before."""
+    """The campaign begins: how many runs there are, and how many were done before."""
 
     campaign: Campaign
     output: Path
     done_before: int
+    runs: int
 
 
 @dataclass(frozen=True)
 class PointStarted:
-    """A point begins."""
+    """A run begins: its number, identification runs first."""
 
     number: int
     plan: RunPlan
+
+
+@dataclass(frozen=True)
+class RunAdvanced:
+    """A run says what happens."""
+
+    number: int
+    plan: RunPlan
+    event: RunEvent
 
 
 @dataclass(frozen=True)
 class PointFinished:
-    """A point has ended, well or not."""
+    """
+    A run has ended, well or not.
+
+    Predictions are missing where the friction of the models is still being identified.
+    """
 
     number: int
     plan: RunPlan
-    result: PointResult
+    result: RunResult
 
 
 @dataclass(frozen=True)
 class CampaignFinished:
-    """All points have ended."""
+    """All runs have ended: the points in the campaign's order, and identification runs."""
 
     results: tuple[PointResult, ...]
     results_path: Path
+    identifications: tuple[FrictionResult, ...] = ()
 
 
-CampaignEvent = CampaignStarted | PointStarted | RunEvent | PointFinished | CampaignFinished
+CampaignEvent = CampaignStarted | PointStarted | RunAdvanced | PointFinished | CampaignFinished
 
 
 def run_campaign(
@@ -127,11 +98,12 @@ def run_campaign(
     *,
     resume: bool = False,
     provenance: Callable[[], Mapping[str, Any]] = dict,
+    jobs: int = 1,
 ) -> Generator[CampaignEvent, None, None]:
     """
     Carry out a campaign and yield what happens.
 
-    A point that fails is reported, and the others go on.
+    A run that fails is reported, and the others go on.
 
     Parameters
     ----------
@@ -142,9 +114,12 @@ def run_campaign(
     output : Path
         Folder for bags and results.
     resume : bool
-        Whether to leave out points that `output` already has a result of.
+        Whether to leave out runs that `output` already has a result of.
     provenance : callable
         Returns the provenance of a run that starts now.
+    jobs : int
+        How many runs at a time, each in a process of its own with a copy of the bench; only for
+        a bench that needs no entering. The results are the same.
 
     Raises
     ------
@@ -155,21 +130,28 @@ def run_campaign(
         If the results cannot be written.
 
     """
-    plans = [_plan(point, output) for point in campaign.points]
-    results = _results_so_far(campaign, output) if resume else {}
-    yield CampaignStarted(campaign, output, len(results))
+    todo = _ToDo(campaign, bench, output, provenance)
+    if resume:
+        todo.results.read(output, todo.friction_ids)
+    runs, done = todo.counts()
+    yield CampaignStarted(campaign, output, done, runs)
     _make_folder(output)
-    for number, plan in enumerate(plans):
-        if plan.program.run_id in results:
-            continue
-        fresh = replace(plan, provenance=provenance())
-        yield PointStarted(number, fresh)
-        result = yield from _run_point(fresh, bench, output)
-        results[plan.program.run_id] = result
-        _write_results(campaign, bench, results, output)
-        yield PointFinished(number, fresh, result)
-    in_order = tuple(results[plan.program.run_id] for plan in plans)
-    yield CampaignFinished(in_order, output / RESULTS_NAME)
+    jobs = min(jobs, runs - done)
+    work = work_in_processes(todo.next_task, jobs) if jobs > 1 else work_here(todo.next_task)
+    try:
+        for step in work:
+            yield from todo.starts()
+            match step:
+                case Advanced(task, event):
+                    yield RunAdvanced(task.number, task.plan, event)
+                case Finished(PredictionTask() as task, result, death):
+                    todo.predicted(task, result, death)
+                case Finished(task, result, death):
+                    yield PointFinished(task.number, task.plan, todo.ended(task, result, death))
+    finally:
+        work.close()
+    friction = tuple(todo.results.friction.values())
+    yield CampaignFinished(todo.results.in_order(), output / RESULTS_NAME, friction)
 
 
 def _make_folder(output: Path) -> None:
@@ -192,109 +174,108 @@ def _plan(point: NamedPoint, output: Path) -> RunPlan:
         ) from error
 
 
-def _run_point(
-    plan: RunPlan, bench: Bench, output: Path
-) -> Generator[CampaignEvent, None, PointResult]:
-    begin = time.monotonic()
-    performance: Performance | None = None
-    error = ""
-    try:
-        plan = yield from excite_run(plan, bench)
-        if not plan.driver.is_virtual:
-            # samples of the real world have the time of the real world
-            plan = replace(plan, program=replace(plan.program, epoch=time.time_ns()))
-        for event in bench.run(plan):
-            if isinstance(event, PerformanceReported) and event.performance.is_final:
-                performance = event.performance
-            yield event
-        if performance is None:
-            raise RunError("the run ended without final indicators")
-    except DriveLimitError as caught:
-        error = str(caught)
-    except BadInputError:  # what concerns the bench concerns all points
-        raise
-    except ImotorError as caught:
-        error = str(caught)
-    return PointResult(
-        name=plan.name,
-        run_id=plan.program.run_id,
-        status=FAILED if error else DONE,
-        error=error,
-        performance=performance if not error else None,
-        predictions=predict_point(plan.parameters),
-        bag=os.path.relpath(plan.bag_path, output),
-        seconds=time.monotonic() - begin,
-    )
+@dataclass(frozen=True)
+class _Identification:
+    """An identification run: its number, its plan, and the points it is for."""
+
+    number: int
+    plan: RunPlan
+    points: tuple[str, ...]
 
 
-def _write_results(
-    campaign: Campaign, bench: Bench, results: Mapping[str, PointResult], output: Path
-) -> None:
-    order = [run_id_of(point) for point in campaign.points]
-    content = {
-        "campaign": campaign.to_mapping(),
-        "bench": bench.name,
-        "points": [results[key].to_mapping() for key in order if key in results],
-        "conclusions": [
-            one.to_mapping() for one in draw_conclusions(_measured_points(campaign, results))
-        ],
-    }
-    text = json.dumps(content, indent=1, allow_nan=False)
-    path, temporary = output / RESULTS_NAME, output / f".{RESULTS_NAME}.new"
-    try:
-        temporary.write_text(text + "\n", encoding="utf-8")
-        temporary.replace(path)
-    except OSError as error:
-        cause = error.strerror or str(error)
-        raise RecordingError(f"{path}: cannot be written: {cause}") from error
+@dataclass
+class _ToDo:
+    """What of a campaign is done, and what comes next."""
 
+    campaign: Campaign
+    bench: Bench
+    output: Path
+    provenance: Callable[[], Mapping[str, Any]]
+    _started: list[PointStarted] = field(default_factory=list)
 
-def _measured_points(campaign: Campaign, results: Mapping[str, PointResult]) -> list[MeasuredPoint]:
-    found = []
-    for point in campaign.points:
-        result = results.get(run_id_of(point))
-        if result is not None and result.performance is not None:
-            found.append(
-                MeasuredPoint(point.name, point.parameters, result.performance, result.predictions)
-            )
-    return found
+    def __post_init__(self) -> None:
+        runs = identification_points(self.campaign)
+        self._friction = [
+            _Identification(number, _plan(run, self.output), points)
+            for number, (run, points) in enumerate(runs)
+        ]
+        points = (_plan(point, self.output) for point in self.campaign.points)
+        self._plans = list(enumerate(points, len(runs)))
+        self.results = Results(self.campaign, self.bench.name, MODELS)
+        self._queue: deque[_Identification | tuple[int, RunPlan]] | None = None
+        self._asked: set[str] = set()
 
+    @property
+    def friction_ids(self) -> list[str]:
+        """Run ids of the identification runs."""
+        return [one.plan.program.run_id for one in self._friction]
 
-def _results_so_far(campaign: Campaign, output: Path) -> dict[str, PointResult]:
-    """Read the points that are done; failed ones are run again."""
-    path = output / RESULTS_NAME
-    if not path.exists():
-        return {}
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        points = [_result_from_mapping(one) for one in content["points"]]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise UnreadableFileError(f"does not parse: {error}", where=str(path)) from error
-    known = {run_id_of(point) for point in campaign.points}
-    foreign = [point.name for point in points if point.run_id not in known]
-    if foreign:
-        raise BadInputError(
-            "holds points of another campaign, or of other parameters",
-            where=str(path),
-            value=foreign[0],
-            bound="an output folder of this campaign",
+    def counts(self) -> tuple[int, int]:
+        """Return the number of runs, and how many are done."""
+        done = len(self.results.friction) + len(self.results.points)
+        return len(self._friction) + len(self._plans), done
+
+    def starts(self) -> Generator[CampaignEvent, None, None]:
+        """Yield the runs that have been begun since."""
+        while self._started:
+            yield self._started.pop(0)
+
+    def next_task(self) -> Task | None:
+        """Return what is to be done next, None if there is nothing at present."""
+        if self._queue is None:
+            self._queue = self._open_runs()
+        if self._queue:
+            return self._begun(self._queue.popleft())
+        for number, plan in self._plans:
+            run_id = plan.program.run_id
+            result = self.results.points.get(run_id)
+            laws = self.results.laws_for(plan.name)
+            if result is None or result.predictions or not laws or run_id in self._asked:
+                continue
+            if result.status == DONE:
+                self._asked.add(run_id)
+                return PredictionTask(number, plan, laws)
+        return None
+
+    def _open_runs(self) -> deque[_Identification | tuple[int, RunPlan]]:
+        done = self.results
+        friction = [o for o in self._friction if o.plan.program.run_id not in done.friction]
+        return deque(
+            [*friction, *((n, p) for n, p in self._plans if p.program.run_id not in done.points)]
         )
-    return {
-        point.run_id: point
-        for point in points
-        if point.status == DONE and (output / point.bag).exists()
-    }
 
+    def _begun(self, run: _Identification | tuple[int, RunPlan]) -> Task:
+        number, plan = (run.number, run.plan) if isinstance(run, _Identification) else run
+        fresh = replace(plan, provenance=self.provenance())
+        self._started.append(PointStarted(number, fresh))
+        if isinstance(run, _Identification):
+            return IdentificationTask(number, fresh, self.bench)
+        return RunTask(number, fresh, self.bench, self.results.laws_for(plan.name))
 
-def _result_from_mapping(mapping: Mapping[str, Any]) -> PointResult:
-    performance = mapping["performance"]
-    return PointResult(
-        name=mapping["name"],
-        run_id=mapping["run_id"],
-        status=mapping["status"],
-        error=mapping["error"],
-        performance=None if performance is None else Performance.from_mapping(performance),
-        predictions=mapping["predictions"],
-        bag=mapping["bag"],
-        seconds=0.0,
-    )
+    def predicted(self, task: PredictionTask, outcome: Outcome | None, death: str) -> None:
+        """Take in what the models predict."""
+        if outcome is not None and not death:
+            self.results.add_predictions(task.plan.program.run_id, outcome.predictions)
+            self.results.write(self.output)
+
+    def ended(
+        self, task: RunTask | IdentificationTask, outcome: Outcome | None, death: str
+    ) -> RunResult:
+        """Take in what came of a run."""
+        outcome = outcome or Outcome(error=death)
+        plan = task.plan
+        run_id, error = plan.program.run_id, outcome.error
+        status, bag = FAILED if error else DONE, os.path.relpath(plan.bag_path, self.output)
+        result: RunResult
+        if isinstance(task, IdentificationTask):
+            points = next(one.points for one in self._friction if one.number == task.number)
+            result = self.results.friction[run_id] = FrictionResult(
+                plan.name, run_id, status, error, bag, outcome.seconds, points, outcome.identified
+            )
+        else:
+            result = self.results.points[run_id] = PointResult(
+                plan.name, run_id, status, error, outcome.performance, outcome.predictions, bag,
+                outcome.seconds,
+            )  # fmt: skip
+        self.results.write(self.output)
+        return result

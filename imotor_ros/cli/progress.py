@@ -20,6 +20,7 @@ from imotor_ros.campaign.bench import (
     ExcitationAdvanced,
     PerformanceReported,
     PhaseEntered,
+    RunEvent,
 )
 from imotor_ros.campaign.runner import (
     CampaignEvent,
@@ -27,6 +28,7 @@ from imotor_ros.campaign.runner import (
     CampaignStarted,
     PointFinished,
     PointStarted,
+    RunAdvanced,
 )
 from imotor_ros.cli.output import SCALES, format_indicator
 
@@ -55,7 +57,8 @@ class CampaignProgress:
         self._task: TaskID | None = None
         self._count = 0
         self._done = 0
-        self._title = ""
+        self._titles: dict[int, str] = {}
+        self._shares: dict[int, float] = {}
 
     def __enter__(self) -> Self:
         """Show the bar."""
@@ -75,43 +78,58 @@ class CampaignProgress:
         """Show one event."""
         match event:
             case CampaignStarted():
-                self._count, self._done = len(event.campaign.points), event.done_before
+                self._count, self._done = event.runs, event.done_before
                 self._task = self._bar.add_task(
                     event.campaign.name, total=self._count, completed=self._done, note=""
                 )
             case PointStarted():
-                self._title = f"{event.plan.name} ({event.number + 1}/{self._count})"
-                self._update(0.0, f"{self._title}: start")
-            case PhaseEntered():
-                self._update(None, f"{self._title}: {event.phase}")
-            case ExcitationAdvanced():
-                self._update(None, f"{self._title}: {event.stage}")
-            case DriveAdvanced():
-                self._update(event.consumed / max(1, event.length), None)
-            case PerformanceReported():
-                velocity = event.performance.indicator("mean_velocity")
-                unit = SCALES["mean_velocity"].unit
-                note = f"v = {format_indicator(velocity)} {unit}" if velocity.is_available else ""
-                self._note(note)
+                title = f"{event.plan.name} ({event.number + 1}/{self._count})"
+                self._titles[event.number], self._shares[event.number] = title, 0.0
+                self._describe(event.number, "start")
+            case RunAdvanced():
+                self._advance(event.number, event.event)
             case PointFinished():
                 self._finish_point(event)
             case CampaignFinished():
-                self._update(0.0, "done")
+                self._update("done")
+
+    def _advance(self, number: int, event: RunEvent) -> None:
+        match event:
+            case PhaseEntered():
+                self._describe(number, event.phase)
+            case ExcitationAdvanced():
+                self._describe(number, event.stage)
+            case DriveAdvanced():
+                if number in self._shares:
+                    self._shares[number] = min(event.consumed / max(1, event.length), 0.99)
+                self._update(None)
+            case PerformanceReported():
+                velocity = event.performance.indicator("mean_velocity")
+                unit = SCALES["mean_velocity"].unit
+                self._note(
+                    f"v = {format_indicator(velocity)} {unit}" if velocity.is_available else ""
+                )
 
     def _finish_point(self, event: PointFinished) -> None:
         self._done += 1
-        self._update(0.0, None)
+        self._shares.pop(event.number, None)
+        self._update(None)
         result = event.result
-        text = f"{self._title}: {result.status}, {result.seconds:.1f} s"
+        title = self._titles.get(event.number, event.plan.name)
+        text = f"{title}: {result.status}, {result.seconds:.1f} s"
         if result.error:
             text += f": {result.error}"
         self._console.print(text, markup=False, highlight=False)
 
-    def _update(self, share: float | None, description: str | None) -> None:
+    def _describe(self, number: int, phase: str) -> None:
+        others = len(self._shares) - (number in self._shares)
+        beside = f" (and {others} beside)" if others else ""
+        self._update(f"{self._titles.get(number, 'models')}: {phase}{beside}")
+
+    def _update(self, description: str | None) -> None:
         if self._task is None:
             return
-        if share is not None:
-            self._bar.update(self._task, completed=self._done + min(share, 0.99))
+        self._bar.update(self._task, completed=self._done + sum(self._shares.values()))
         if description is not None:
             self._bar.update(self._task, description=description)
 

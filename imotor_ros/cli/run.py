@@ -22,6 +22,7 @@ from imotor_ros.bag.provenance import provenance
 from imotor_ros.campaign.bench import Bench
 from imotor_ros.campaign.campaign import Campaign, load_campaign
 from imotor_ros.campaign.forecast import forecast_run
+from imotor_ros.campaign.own_friction import identification_points
 from imotor_ros.campaign.runner import (
     DONE,
     RESULTS_NAME,
@@ -78,7 +79,8 @@ def run(options: argparse.Namespace) -> int:
 
 def show_forecast(campaign: Campaign, *, as_json: bool) -> int:
     """Print what a campaign would do; 1 if a run would exceed a limit."""
-    runs = [forecast_run(point) for point in campaign.points]
+    own = [run for run, _ in identification_points(campaign)]
+    runs = [forecast_run(point) for point in (*own, *campaign.points)]
     total = {
         "duration": sum(one.duration for one in runs),
         "bag_size": sum(one.bag_size for one in runs),
@@ -137,8 +139,16 @@ def output_folder(campaign: Campaign, options: argparse.Namespace) -> Path:
     return output
 
 
-def _check_surroundings(namespace: str) -> None:
-    """Check what the middleware would only stumble over."""
+def check_surroundings(namespace: str) -> None:
+    """
+    Check what the middleware would only stumble over.
+
+    Raises
+    ------
+    BadInputError
+        If domain or namespace is none.
+
+    """
     from rclpy.exceptions import InvalidNamespaceException
     from rclpy.validate_namespace import validate_namespace
 
@@ -161,7 +171,7 @@ def make_bench(kind: str, output: Path, namespace: str = DEFAULT_NAMESPACE) -> B
         from imotor_ros.campaign.sim_bench import SimBench
 
         return SimBench()
-    _check_surroundings(namespace)
+    check_surroundings(namespace)
     from imotor_ros.nodes.ros_bench import RosBench
 
     return RosBench(output / "logs", namespace=namespace)
@@ -182,6 +192,7 @@ def carry_out(
             output,
             resume=options.resume,
             provenance=lambda: {**provenance(), "bench": bench.name},
+            jobs=len(os.sched_getaffinity(0)) if options.bench == "sim" else 1,
         )
         try:
             for event in events:

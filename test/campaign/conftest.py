@@ -9,7 +9,7 @@ from typing import Any, Self
 
 import pytest
 
-from imotor_ros.campaign import runner
+from imotor_ros.campaign import tasks
 from imotor_ros.campaign.bench import (
     DriveAdvanced,
     ExcitationAdvanced,
@@ -101,7 +101,7 @@ def make_campaign() -> Callable[..., Campaign]:
 @pytest.fixture
 def quick_predictions(monkeypatch: pytest.MonkeyPatch) -> None:
     """Spare the models, which take a tenth of a second for each point."""
-    monkeypatch.setattr(runner, "predict_point", lambda _: {"model_1": {"mean_velocity": 0.1}})
+    monkeypatch.setattr(tasks, "predict_point", lambda *_: {"model_1": {"mean_velocity": 0.1}})
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from imotor_ros.campaign.runner import (
     CampaignStarted,
     PointFinished,
     PointStarted,
+    RunAdvanced,
     run_campaign,
 )
 from imotor_ros.core.indicators import Performance
@@ -52,7 +53,9 @@ def test_events_tell_the_whole_story_in_order(
 ) -> None:
     campaign = make_campaign(2)
     events = list(run_campaign(campaign, instant_bench(), output, provenance=lambda: {"host": "h"}))
-    kinds = [type(event).__name__ for event in events]
+    kinds = [
+        type(event.event if isinstance(event, RunAdvanced) else event).__name__ for event in events
+    ]
     excitation = ["PhaseEntered", "ExcitationAdvanced"]
     run = ["PhaseEntered", "DriveAdvanced", *["PerformanceReported"] * 2]
     point = ["PointStarted", *excitation, *run]
