@@ -31,6 +31,7 @@ VERBS = {
     "replay": "play a recorded run through the topics to the evaluator",
     "recover": "mend a bag whose recorder was killed",
     "info": "describe a recorded run",
+    "check-driver": "check that a driver does what the stand asks of one",
     "bench": "run a benchmark of bench/",
 }
 
