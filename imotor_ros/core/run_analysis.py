@@ -171,17 +171,18 @@ class RunAnalysis:
         rows = self._windows.selection(SLIDER_VELOCITY)
         reach = waveforms.corner_reach(channel.bandwidth, view.program.sample_rate, view.frequency)
         swing = waveforms.peak_to_peak(
-            view.waveforms(SLIDER_VELOCITY), rows, self._harmonics(SLIDER_VELOCITY), reach
-        )
+            view.waveforms(SLIDER_VELOCITY), rows, self._harmonics(SLIDER_VELOCITY), reach,
+            channel.low_pass,
+        )  # fmt: skip
         ripple = swing.value / abs(mean)
         hidden = swing.bandwidth_loss / abs(mean)
         if hidden > _MUCH_HIDDEN * ripple:
-            view.warn(f"the bandwidth of {SLIDER_VELOCITY} may hide {hidden:.2g} of the ripple")
+            view.warn(f"the bandwidth of {SLIDER_VELOCITY} hides about {hidden:.2g} of the ripple")
         means = math.copysign(1.0, mean) * view.means(SLIDER_VELOCITY)[rows]
         parts = (
             standard_error(swing.per_period - ripple * means),
             swing.noise_bias,
-            swing.bandwidth_loss * _ONE_SIDED,
+            swing.bandwidth_doubt,
             ripple * channel.offset_uncertainty,
             ripple * self._drift,
         )

@@ -30,6 +30,11 @@ _GROUPS_PER_OCTAVE = 24
 # What an exponential must gain in chi square over a constant: by chance less than once in 1000.
 _SIGNIFICANT_GAIN = 16.0
 
+# A second regression leaves out so much of the beginning (time constants): what it finds else
+# tells how far the start-up is from an exponential.
+_LEFT_OUT = 0.5
+_FEWEST_TO_FIT = 8
+
 # Fewest values whose neighbours' differences tell noise from wandering.
 _ENOUGH_TO_TELL_NOISE = 10
 
@@ -47,12 +52,15 @@ class Settling:
         True if the exponential is more than noise.
     noise : float
         Standard deviation of single period means.
+    late_fit : ExponentialFit or None
+        The regression without the beginning; None with too few values for one.
 
     """
 
     fit: ExponentialFit
     is_significant: bool
     noise: float
+    late_fit: ExponentialFit | None = None
 
     def remainder(self, time: float) -> float:
         """Return how far the curve is from its asymptote at a time (s)."""
@@ -84,14 +92,26 @@ def fit_settling(times: Array, values: Array) -> Settling:
     weights = 1.0 / deviations**2
     mean = float(np.sum(weights * y) / np.sum(weights))
     flat = float(np.sum(weights * (y - mean) ** 2))
-    start = fit.amplitude * np.exp(-t / fit.time_constant)
-    bent = float(np.sum(weights * (y - fit.asymptote - start) ** 2))
+    bent = float(np.sum(weights * (y - fit.asymptote - _decay(fit, t)) ** 2))
     scale = max(1.0, bent / max(t.size - 3, 1))
-    scaled = ExponentialFit(
+    late = int(np.searchsorted(t, t[0] + _LEFT_OUT * fit.time_constant))
+    late_fit = None
+    if t.size - late >= _FEWEST_TO_FIT:
+        late_fit = _scaled(fit_exponential(t[late:], y[late:], deviations[late:]), scale)
+    significant = flat - bent > _SIGNIFICANT_GAIN * scale
+    return Settling(_scaled(fit, scale), significant, noise, late_fit)
+
+
+def _decay(fit: ExponentialFit, times: Array) -> Array:
+    return np.asarray(fit.amplitude * np.exp(-times / fit.time_constant))
+
+
+def _scaled(fit: ExponentialFit, scale: float) -> ExponentialFit:
+    """Return a fit with its covariance scaled up to what the curve misses."""
+    return ExponentialFit(
         fit.asymptote, fit.time_constant, fit.amplitude, fit.covariance * scale, fit.residual,
         fit.reason,
     )  # fmt: skip
-    return Settling(scaled, flat - bent > _SIGNIFICANT_GAIN * scale, noise)
 
 
 def _group_starts(count: int) -> NDArray[np.int64]:
@@ -296,19 +316,25 @@ def start_up_time(
     Notes
     -----
     The time t_0.99 or, where the velocity falls, t_1.01: when the regression comes within 1 %
-    of its asymptote.
+    of its asymptote. A start-up is an exponential only where the force on the slider falls
+    linearly with its velocity; elsewhere the time depends on which periods are fitted, and by how
+    much enters the uncertainty.
 
     """
     reason = _start_up_reason(settling)
     if reason:
         return math.nan, math.nan, reason
     fit = settling.fit
-    a, tau, b = fit.asymptote, fit.time_constant, fit.amplitude
-    ratio = max(abs(b) / (TOLERANCE * abs(a)), 1e-300)
-    time = tau * math.log(ratio)
-    gradient = np.array([-tau / a, math.log(ratio), tau / b])
-    variance = max(float(gradient @ fit.covariance @ gradient), 0.0)
-    uncertainty = math.hypot(math.sqrt(variance), offset_uncertainty * tau / a)
+    time, variance = _time_to_settle(fit)
+    uncertainty = math.hypot(
+        math.sqrt(variance), offset_uncertainty * fit.time_constant / fit.asymptote
+    )
+    late = settling.late_fit
+    if late is not None and late.is_valid and late.amplitude * fit.amplitude > 0.0:
+        late_time, late_variance = _time_to_settle(late)
+        # with fewer values it scatters more: that part of the difference is noise
+        excess = (late_time - time) ** 2 - max(late_variance - variance, 0.0)
+        uncertainty = math.hypot(uncertainty, math.sqrt(max(excess, 0.0)))
     if time < first_time:
         reason = (
             f"the first whole period at full drive is steady already: it takes less than "
@@ -320,6 +346,15 @@ def start_up_time(
             f"uncertainty of {uncertainty * 1e3:.3g} ms"
         )
     return (math.nan, math.nan, reason) if reason else (time, uncertainty, "")
+
+
+def _time_to_settle(fit: ExponentialFit) -> tuple[float, float]:
+    """Return when a curve comes within 1 % of its asymptote (s), and the variance of that."""
+    a, tau, b = fit.asymptote, fit.time_constant, fit.amplitude
+    ratio = max(abs(b) / (TOLERANCE * abs(a)), 1e-300)
+    time = tau * math.log(ratio)
+    gradient = np.array([-tau / a, math.log(ratio), tau / b])
+    return time, max(float(gradient @ fit.covariance @ gradient), 0.0)
 
 
 def _start_up_reason(settling: Settling) -> str:

@@ -161,8 +161,8 @@ def test_indicators_agree_with_the_motor_within_their_uncertainty(
     # the calibration dominates: an uncertainty twice too large would show
     assert 0.6 < np.std(found["mean_velocity"]) < 1.6
     assert 0.6 < np.std(found["durability"]) < 1.6
-    # bandwidth only ever hides ripple
-    assert np.mean(found["ripple"]) < 0.0
+    # the low-pass lowers the ripple by three of these uncertainties; that has been given back
+    assert abs(np.mean(found["ripple"])) < 0.6
 
 
 PERFECT = VibrometerParameters(

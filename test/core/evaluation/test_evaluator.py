@@ -391,7 +391,7 @@ def test_narrow_bandwidth_is_a_warning_and_widens_the_uncertainty(paper_run: Run
     text = " ".join(performance.warnings)
     assert "beyond half the bandwidth of slider/velocity" in text
     assert "different bandwidths" in text
-    assert "may hide" in text
+    assert "hides about" in text
     for name in ("ripple", "efficiency"):
         wider, before = performance.indicator(name), plain.indicator(name)
         assert wider.uncertainty > 3.0 * before.uncertainty

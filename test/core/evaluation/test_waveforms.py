@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from imotor_ros.core.channel import BESSEL_3, FIRST_ORDER
 from imotor_ros.core.filters import StreamFilter
-from imotor_ros.core.linear_systems import bessel_low_pass
+from imotor_ros.core.linear_systems import LinearSystem, bessel_low_pass, first_order_low_pass
 from imotor_ros.core.period_statistics import standard_error
 from imotor_ros.core.waveforms import (
     FINER,
@@ -123,6 +125,43 @@ def test_bandwidth_hides_no_more_of_a_triangle_than_stated(frequency: float) -> 
     assert loss == pytest.approx(2 * 0.0525 / 100e3 * 4 * frequency, rel=0.1)
     assert loss <= 1.05 * found.bandwidth_loss
     assert found.bandwidth_loss < 1.3 * loss
+
+
+@pytest.mark.parametrize(
+    ("make", "kind"), [(bessel_low_pass, BESSEL_3), (first_order_low_pass, FIRST_ORDER)]
+)
+@pytest.mark.parametrize(
+    ("shape", "left"),
+    [
+        (lambda phase: 2.0 * np.abs(phase - 0.5), 0.01),
+        (lambda phase: np.where(phase < 0.3, phase / 0.3, (1.0 - phase) / 0.7), 0.1),
+        (lambda phase: 0.5 * np.cos(2.0 * np.pi * phase), 0.1),
+    ],
+    ids=["symmetric corners", "slopes of 7 to 3", "sine"],
+)
+def test_what_a_low_pass_takes_off_extrema_is_given_back(
+    make: Callable[[float], LinearSystem], kind: str, shape: Callable[[Array], Array], left: float
+) -> None:
+    frequency, points = 4625.0, 4096
+    sharp = shape(np.arange(4 * points) / points % 1.0)
+    late = StreamFilter(make(100e3), frequency * points).process(sharp)[-points:]
+    rows = np.tile(late[:: points // 256], (4, 1))
+    harmonics = count_harmonics(frequency, 1e6, 100e3, 256)
+    reach = corner_reach(100e3, 1e6, frequency)
+    found = peak_to_peak(rows, np.arange(4), harmonics, reach, kind)
+    plain = peak_to_peak(rows, np.arange(4), harmonics, reach)
+    lost = np.ptp(sharp) - plain.value
+    assert lost > 0.0004, "the low-pass hides something: the test can fail"
+    assert abs(found.value - np.ptp(sharp)) < left * lost + 1e-4 * np.ptp(sharp)
+    assert abs(found.value - np.ptp(sharp)) < 2.0 * found.bandwidth_doubt
+    np.testing.assert_allclose(found.per_period, found.value, rtol=1e-9)
+
+
+def test_low_pass_too_low_for_its_loss_to_be_told_only_bounds_it() -> None:
+    rows, every = noisy(triangle(PHASE), 0.0, 6, 0)
+    found = peak_to_peak(rows, every, 64, 0.2, BESSEL_3)
+    assert found.value == pytest.approx(SWING, rel=1e-13)
+    assert found.bandwidth_doubt == pytest.approx(found.bandwidth_loss / math.sqrt(3.0))
 
 
 def test_mean_magnitude_of_a_sine() -> None:
