@@ -42,6 +42,9 @@ class RunFollowerNode(StandNode[P]):
     def begin_run(self, program: DriveProgram) -> None:
         """Make ready for the blocks of a new run."""
 
+    def leave_run(self) -> None:
+        """Bring the present run to its end, because another one begins."""
+
     def change_run(self, program: DriveProgram) -> None:
         """Take note that the program of the present run has changed (it was stopped early)."""
 
@@ -53,6 +56,8 @@ class RunFollowerNode(StandNode[P]):
             return
         program = program_from_message(message)
         is_new = self.program is None or program.run_id != self.program.run_id
+        if is_new and self.program is not None:
+            self.leave_run()
         self.program = program
         if not is_new:
             self.change_run(program)
