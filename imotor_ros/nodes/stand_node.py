@@ -429,8 +429,8 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: stopped_by.append(received))
     context = Context()
-    join_graph(context, sys.argv if arguments is None else arguments)
     try:
+        join_graph(context, sys.argv if arguments is None else arguments)
         node = factory(context=context)
     except ImotorError as error:
         sys.stderr.write(f"error: {error}\n")

@@ -10,10 +10,11 @@ import pytest
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.context import Context
 
-from imotor_ros.errors import DeadlineError
+from imotor_ros.errors import BadInputError, DeadlineError
 from imotor_ros.nodes import middleware
 from imotor_ros.nodes.force_sensor import ForceSensorNode
 from imotor_ros.nodes.middleware import join_graph
+from imotor_ros.nodes.stand_node import run_node
 
 VARIABLES = ("FASTRTPS_DEFAULT_PROFILES_FILE", "FASTDDS_DEFAULT_PROFILES_FILE")
 
@@ -74,3 +75,25 @@ def test_reader_that_takes_nothing_is_named(graph: Any) -> None:
     text = "waited 0.05 s for a reader of /stand/load/force to take samples, in vain"
     with pytest.raises(DeadlineError, match=text):
         node.publish(BusyReader(float("inf")), "message")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "reason"),
+    [
+        (["-p", "foo"], r"--ros-args: Couldn't parse parameter override rule: '-p foo'\."),
+        (["-r", "bad"], r"--ros-args: Couldn't parse remap rule: '-r bad'\."),
+        (["--params-file", "missing.yaml"], r"--ros-args: Couldn't parse params file: .*missing"),
+        (["--blah"], r"--ros-args: are not known to ROS, got .*--blah"),
+    ],
+)
+def test_malformed_arguments_are_refused_in_one_line(
+    arguments: list[str], reason: str, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    given = ["node", "--ros-args", *arguments]
+    with pytest.raises(BadInputError, match=reason) as caught:
+        join_graph(Context(), given)
+    assert "rcl/" not in str(caught.value), "no places in the source of others"
+    monkeypatch.setattr("signal.signal", lambda number, handler: None)
+    assert run_node(ForceSensorNode, given) == 2
+    assert capsys.readouterr().err == f"error: {caught.value}\n"
