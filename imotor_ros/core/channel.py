@@ -29,6 +29,11 @@ class SampleFlag(IntFlag):
     RAMPED_DOWN = 64
 
 
+def flag_names(flags: int) -> str:
+    """Return the names of the flags that are set, e.g. "OVER_RANGE DROP_OUT"."""
+    return " ".join(flag.name or "" for flag in SampleFlag if flag & flags)
+
+
 @dataclass(frozen=True)
 class ChannelDescription:
     """

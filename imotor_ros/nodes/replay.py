@@ -52,7 +52,9 @@ def replay(
         player = PlayerParameters(path=str(bag_path.absolute()), expected_readers=readers)
         client = stand.client
         client.performances.clear()
-        stand.activate({"player": player, "evaluator": settings})
+        # the player plays once it is active: what comes to an evaluator that is not yet, is lost
+        stand.activate({"player": player, "evaluator": settings}, ["evaluator"])
+        stand.activate({}, ["player"])
         yield PhaseEntered("replay")
         reported = 0
         while True:

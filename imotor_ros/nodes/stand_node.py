@@ -94,6 +94,9 @@ class StandNode(LifecycleNode, Generic[P]):
 
     """
 
+    hardware_id = "virtual"
+    """What the node drives or measures with, for the diagnostics."""
+
     def __init__(
         self,
         role: str,
@@ -159,9 +162,16 @@ class StandNode(LifecycleNode, Generic[P]):
     def finish(self) -> None:
         """Bring open work to its end because the process is about to end."""
 
+    def leave_output(self) -> None:
+        """Put out nothing that must not stay: the process was just told to end."""
+
     def status_values(self) -> dict[str, object]:
         """Return what the diagnostics show beside the state."""
         return {}
+
+    def warning(self) -> str:
+        """Return what is not as it should be, but no fault; empty if there is nothing."""
+        return ""
 
     def subject(self, topic: Topic) -> str:
         """Return a topic's name below the namespace after remapping, e.g. "slider/velocity"."""
@@ -186,6 +196,7 @@ class StandNode(LifecycleNode, Generic[P]):
         *,
         raw: bool = False,
         is_awaited: bool = True,
+        hears_in_fault: bool = False,
     ) -> Subscription:
         """
         Subscribe to a topic until clean-up; what the callback raises becomes a fault.
@@ -200,12 +211,14 @@ class StandNode(LifecycleNode, Generic[P]):
             Whether it takes the serialised message.
         is_awaited : bool
             Whether activation waits for the writer of a stream.
+        hears_in_fault : bool
+            Whether the callback is called also while the node has a fault.
 
         """
         subscription = self.create_subscription(
             message_class(topic.type_name),
             topic.name,
-            self._guarded(callback),
+            self._guarded(callback, hears_in_fault=hears_in_fault),
             qos_profile(topic),
             raw=raw,
         )
@@ -245,6 +258,14 @@ class StandNode(LifecycleNode, Generic[P]):
                     raise DeadlineError(awaited, self.parameters.publish_timeout) from error
             else:
                 return
+
+    def try_to_publish_block(self, block: SampleBlock) -> bool:
+        """Publish a block if its readers can take it within the middleware's patience (0.1 s)."""
+        try:
+            self._stream_publishers[block.stream].publish(block_to_message(self.types, block))
+        except RCLError:  # the histories of both sides are full
+            return False
+        return True
 
     def set_fault(self, reason: str) -> None:
         """Enter a fault: log it and show it in the diagnostics at once."""
@@ -327,9 +348,11 @@ class StandNode(LifecycleNode, Generic[P]):
         self._publish_diagnostics()
         return TransitionCallbackReturn.SUCCESS
 
-    def _guarded(self, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+    def _guarded(
+        self, callback: Callable[[Any], None], *, hears_in_fault: bool = False
+    ) -> Callable[[Any], None]:
         def call(message: Any) -> None:
-            if self.fault:
+            if self.fault and not hears_in_fault:
                 return
             try:
                 callback(message)
@@ -395,12 +418,25 @@ class StandNode(LifecycleNode, Generic[P]):
 
     # ---- diagnostics ---------------------------------------------------------------------
 
-    def _publish_diagnostics(self) -> None:
+    def say_goodbye(self) -> None:
+        """Tell the operator that this node has not fallen silent, but ended."""
+        self._publish_diagnostics(has_ended=True)
+
+    def _health(self) -> tuple[bytes, str]:
+        """Return level and message of the diagnostics."""
+        if self.fault:
+            return DiagnosticStatus.ERROR, self.fault
+        if warning := self.warning():
+            return DiagnosticStatus.WARN, warning
+        return DiagnosticStatus.OK, "active" if self.is_active else "ready"
+
+    def _publish_diagnostics(self, *, has_ended: bool = False) -> None:
         status = DiagnosticStatus()
         status.name = f"{self.get_fully_qualified_name().lstrip('/')}: run"
-        status.hardware_id = "virtual"
-        status.level = DiagnosticStatus.ERROR if self.fault else DiagnosticStatus.OK
-        status.message = self.fault or ("active" if self.is_active else "ready")
+        status.hardware_id = self.hardware_id
+        status.level, status.message = self._health()
+        if has_ended:
+            status.level, status.message = DiagnosticStatus.STALE, "ended"
         values = self.status_values()
         status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
         message = DiagnosticArray(status=[status])
@@ -441,11 +477,13 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     try:
         while not (stopped_by or node.is_shut_down):
             executor.spin_once(timeout_sec=0.1)
+        node.leave_output()
         _drain(node, executor)
     except ExternalShutdownException:
         pass
     finally:
         node.finish()
+        node.say_goodbye()
         executor.shutdown(timeout_sec=1.0)
         node.destroy_node()
         context.try_shutdown()

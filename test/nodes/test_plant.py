@@ -21,6 +21,7 @@ from imotor_ros.contracts.topics import (
     TRUTH_TOPICS,
     VOLTAGE_MONITOR,
 )
+from imotor_ros.core.channel import SampleFlag
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.motor import MotorParameters
 from imotor_ros.nodes.plant import PlantNode
@@ -74,6 +75,12 @@ class Bench:
         )
         self.graph.await_fault(self.node, text)
         return self.progress[-1]
+
+    @property
+    def ramped(self) -> bool:
+        """Whether all streams have ended with a ramp that the plant made by itself."""
+        ends = [stream[-1].flags if stream else 0 for stream in self.made.values()]
+        return all(flags & SampleFlag.RAMPED_DOWN for flags in ends)
 
     def samples(self, name: str) -> np.ndarray:
         """Return the samples that came on a stream."""
@@ -171,7 +178,9 @@ def test_stream_that_is_not_right_is_a_fault_and_consumed_no_further(
     graph.send_block(changes(blocks[1]))
     last = bench.await_fault(text)
     assert last.fault.startswith("plant: ")
-    assert last.run_id == "run"
+    assert (last.run_id, last.consumed) == ("run", BLOCK)
+    assert last.flags == SampleFlag.RAMPED_DOWN
+    graph.spin_until(lambda: bench.ramped, "the ramp to zero on all streams")
     made = {name: len(stream) for name, stream in bench.made.items()}
     for block in blocks[2:]:
         graph.send_block(block)
@@ -198,6 +207,7 @@ def test_second_run_begins_at_rest(graph: Any) -> None:
     for block in (*blocks[:2], blocks[3]):
         graph.send_block(block)
     bench.await_fault("expected sample 1000, got sample 1500")
+    graph.spin_until(lambda: bench.ramped, "the ramp to zero on all streams")
     bench.node.trigger_deactivate()
     for heard in (bench.progress, *bench.made.values()):
         heard.clear()

@@ -43,6 +43,11 @@ class InstrumentRole:
         )
 
     @property
+    def ledger(self) -> StreamLedger:
+        """What has come of the truth."""
+        return self._ledger
+
+    @property
     def channels(self) -> tuple[ChannelDescription, ...]:
         """The one channel of the instrument."""
         return (self._instrument.channel,)
@@ -60,4 +65,5 @@ class InstrumentRole:
         self._ledger.accept(block)
         samples, flags = self._instrument.process(block.samples)
         channel = self._instrument.channel
-        return block.derive(channel.name, channel.unit, samples, int(flags))
+        passed_on = block.flags & SampleFlag.RAMPED_DOWN
+        return block.derive(channel.name, channel.unit, samples, int(flags | passed_on))
