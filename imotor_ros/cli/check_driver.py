@@ -66,6 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=(defaults.lowest_voltage, defaults.highest_voltage),
         help="what the driver may put out (V), default %(default)s",
     )  # fmt: skip
+    add("--once", action="store_true", help="start the driver once, which leaves shutdown out")
     add("--junit", type=Path, metavar="FILE", help="also write the report as JUnit XML")
     add("--logs", type=Path, metavar="DIR", help="keep the logs of the driver's nodes there")
 
@@ -115,6 +116,7 @@ def _check(
         streams=streams,
         parameter_file=options.params,
         log_directory=logs,
+        lives=1 if options.once else 2,
     ) as check:
         _follow(check)
     return conclude(check.findings, check.unreached)

@@ -81,6 +81,9 @@ _TARGETS = {
 _FOREIGN = (DRIVE_VOLTAGE, DRIVE_PROGRAM, STATE, RUN_INFO, PERFORMANCE, RECORDING)
 """What generator, evaluator and recorder publish, and a driver does not."""
 
+_LIVES = 2
+"""Starts of the driver that all scenarios need: one life ends by a signal, one by a transition."""
+
 REPLAY_REASON = "it plays a recorded run and takes no voltage"
 
 
@@ -133,6 +136,8 @@ class DriverCheck:
         Starts the driver's processes; without it the driver runs already, and is left running.
     deadlines : Deadlines
         Longest waits.
+    lives : int
+        How often it may be started: once leaves out the transition shutdown.
 
     """
 
@@ -145,6 +150,7 @@ class DriverCheck:
         streams: tuple[str, ...] = MEASURED,
         start: Callable[[], DriverProcesses] | None = None,
         deadlines: Deadlines | None = None,
+        lives: int = _LIVES,
     ) -> None:
         self.findings = Findings()
         self.unreached = ""
@@ -157,7 +163,7 @@ class DriverCheck:
         self._deadlines = deadlines or Deadlines()
         self._run_number = 0
         self._collects_first = False
-        self._has_watchdog = True
+        self._lives = lives
 
     # ---- order ---------------------------------------------------------------------------
 
@@ -328,7 +334,7 @@ class DriverCheck:
         )
         if is_player:
             probe.give_way_to_player()
-            readers, writers = [], [*writers, DRIVE_VOLTAGE, DRIVE_PROGRAM]
+            readers, writers = [], [*writers, DRIVE_VOLTAGE, DRIVE_PROGRAM, RUN_INFO]
         types, qualities, counts = [], [], []
         for topic, is_writer in [(t, True) for t in writers] + [(t, False) for t in readers]:
             found = self._endpoints(topic, is_writer=is_writer)
@@ -734,6 +740,8 @@ class DriverCheck:
             raise CheckAborted("no program came on drive/program")
         record = next(iter(self._probe.runs.values()))
         self._probe.receives_all(record, self._streams, stall_timeout=self._deadlines.stall)
+        # the topics of a recorded run are heard in any order: by the end all of it was sent
+        record.progress = [replace(one, sent=record.sent) for one in record.progress]
         return record
 
     # ---- end -----------------------------------------------------------------------------
@@ -742,6 +750,9 @@ class DriverCheck:
         if self._start is None:
             self.findings.skips("L4", "the driver was not started by this check, and goes on")
             self._bring_to_unconfigured(self._states())
+            return
+        if self._processes is None and self._lives < _LIVES:
+            self.findings.skips("L4", "the driver was to be started once only")
             return
         processes = self._processes or self._start()
         self._processes = processes

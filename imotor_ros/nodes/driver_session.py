@@ -32,6 +32,7 @@ def driver_check(
     streams: tuple[str, ...] = MEASURED,
     parameter_file: Path | None = None,
     deadlines: Deadlines | None = None,
+    lives: int = 2,
 ) -> Iterator[DriverCheck]:
     """
     Make a check ready to be run; nothing is left behind.
@@ -52,6 +53,8 @@ def driver_check(
         ROS parameter file for its nodes.
     deadlines : Deadlines, optional
         Longest waits.
+    lives : int
+        How often the driver may be started, once or twice; see `DriverCheck`.
 
     Raises
     ------
@@ -62,12 +65,12 @@ def driver_check(
     files = () if driver is None else find_driver(driver, parameter_file)
     claim = NamespaceClaim(namespace) if files else None
     probe = DriverProbe(namespace, lambda: None)
-    lives: list[DriverProcesses] = []
+    started: list[DriverProcesses] = []
 
     def start() -> DriverProcesses:
-        folder = log_directory / f"life-{len(lives) + 1}"
-        lives.append(DriverProcesses(files, namespace, folder))
-        return lives[-1]
+        folder = log_directory / f"life-{len(started) + 1}"
+        started.append(DriverProcesses(files, namespace, folder))
+        return started[-1]
 
     try:
         found = _nodes_found(probe, namespace)
@@ -78,11 +81,11 @@ def driver_check(
             nodes = _running_nodes(probe, found, namespace)
         yield DriverCheck(
             probe, nodes, parameters,
-            streams=streams, start=start if files else None, deadlines=deadlines,
+            streams=streams, start=start if files else None, deadlines=deadlines, lives=lives,
         )  # fmt: skip
     finally:
         probe.watch = lambda: None
-        for life in lives:
+        for life in started:
             life.stop(1.0)
         probe.close()
         if claim is not None:
