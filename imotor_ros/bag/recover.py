@@ -18,7 +18,7 @@ from imotor_ros.bag.records import McapFile
 from imotor_ros.bag.storage import lock, sync
 from imotor_ros.bag.writer import RunWriter
 from imotor_ros.contracts.topics import ALL_TOPICS, DEFAULT_NAMESPACE, Intent, Topic
-from imotor_ros.errors import BadInputError, UnreadableFileError
+from imotor_ros.errors import BadInputError, RecordingError, UnreadableFileError
 
 _WORKSHOP = ".recovering"
 _INFORMATION = "rosbag2_bagfile_information"
@@ -76,9 +76,9 @@ def recover(path: Path | str, output: Path | str | None = None) -> RecoveryRepor
     """
     Mend a bag that was not closed: save all messages up to where the file breaks off.
 
-    A bag that is whole is left alone. In place, the damaged file is kept beside the new one as
-    `<name>.mcap.damaged`, and the new one takes its place in one step: at every moment the bag
-    is either as it was or mended.
+    A bag that is whole is left alone, or copied to `output`. In place, the damaged file is kept
+    beside the new one as `<name>.mcap.damaged`, and the new one takes its place in one step: at
+    every moment the bag is either as it was or mended.
 
     Parameters
     ----------
@@ -102,10 +102,13 @@ def recover(path: Path | str, output: Path | str | None = None) -> RecoveryRepor
         if not bag.damage:
             _verify(bag)
         if not bag.damage:
+            shown = str(path if output is None else output)
+            if output is not None:
+                file = _copy(file, Path(output))
             if _restore_metadata(file):
                 damage = f"{layout.METADATA} did not fit"
-                return RecoveryReport(str(path), was_whole=False, damage=damage)
-            return RecoveryReport(str(path), was_whole=True)
+                return RecoveryReport(shown, was_whole=False, damage=damage)
+            return RecoveryReport(shown, was_whole=True)
         if output is not None:
             return _save(bag, Path(output), str(output))
         return _save_in_place(bag, file, str(path))
@@ -118,6 +121,24 @@ def _verify(bag: RunBag) -> None:
             pass
     except UnreadableFileError as error:
         bag.distrust(str(error))
+
+
+def _copy(file: Path, folder: Path) -> Path:
+    """Copy a whole bag file, with the metadata beside it, to a new folder; return the copy."""
+    metadata = file.parent / layout.METADATA
+    target = folder / file.name
+    try:
+        folder.mkdir(parents=True)
+        shutil.copy2(file, target)
+        if metadata.exists():
+            shutil.copy2(metadata, folder)
+        else:
+            (folder / layout.UNFINISHED).touch()  # has its metadata made
+    except FileExistsError:
+        raise BadInputError("exists already", where=str(folder), bound="a new folder") from None
+    except OSError as error:
+        raise RecordingError(f"{folder}: cannot be written: {error.strerror}") from error
+    return target
 
 
 def _save_in_place(bag: RunBag, file: Path, shown: str) -> RecoveryReport:

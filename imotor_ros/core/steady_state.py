@@ -94,12 +94,12 @@ def fit_settling(times: Array, values: Array) -> Settling:
     flat = float(np.sum(weights * (y - mean) ** 2))
     bent = float(np.sum(weights * (y - fit.asymptote - _decay(fit, t)) ** 2))
     scale = max(1.0, bent / max(t.size - 3, 1))
+    is_significant = flat - bent > _SIGNIFICANT_GAIN * scale
     late = int(np.searchsorted(t, t[0] + _LEFT_OUT * fit.time_constant))
     late_fit = None
-    if t.size - late >= _FEWEST_TO_FIT:
+    if is_significant and t.size - late >= _FEWEST_TO_FIT:
         late_fit = _scaled(fit_exponential(t[late:], y[late:], deviations[late:]), scale)
-    significant = flat - bent > _SIGNIFICANT_GAIN * scale
-    return Settling(_scaled(fit, scale), significant, noise, late_fit)
+    return Settling(_scaled(fit, scale), is_significant, noise, late_fit)
 
 
 def _decay(fit: ExponentialFit, times: Array) -> Array:

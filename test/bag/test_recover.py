@@ -262,6 +262,23 @@ def test_output_leaves_the_original_alone(whole, tmp_path):
         recover(target, tmp_path / "out")
 
 
+@pytest.mark.parametrize("has_metadata", [True, False])
+def test_whole_bag_is_copied_to_the_output(whole, tmp_path, has_metadata):
+    source, messages = whole
+    shutil.copytree(source, tmp_path / "bag")
+    if not has_metadata:
+        (tmp_path / "bag" / "metadata.yaml").unlink()
+    before = names_in(tmp_path / "bag")
+    report = recover(tmp_path / "bag", tmp_path / "out")
+    assert report.path == str(tmp_path / "out")
+    assert report.was_whole == has_metadata
+    assert messages_of(tmp_path / "out") == messages
+    assert names_in(tmp_path / "out") == names_in(source)
+    assert names_in(tmp_path / "bag") == before
+    with pytest.raises(BadInputError, match="exists already"):
+        recover(tmp_path / "bag", tmp_path / "out")
+
+
 def test_bag_being_recorded_is_refused(stand_run, tmp_path):
     with RunWriter(tmp_path / "bag", run_id="run-1", run_info={}) as writer:
         message = stand_run().in_order()[0]
