@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol, Self, runtime_checkable
 
 from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.core.indicators import Performance
+from imotor_ros.core.trial import Recording, Trial
 
 
 @dataclass(frozen=True)
@@ -101,3 +102,11 @@ class Bench(Protocol):
             If the run does not reach its end.
 
         """
+
+
+@runtime_checkable
+class TrialPlayer(Protocol):
+    """A bench that plays trials without recording them, for searches that need no bag."""
+
+    def play(self, trial: Trial, plan: RunPlan) -> Recording:
+        """Play a trial on the stand of a run, and return the measured rod velocity."""

@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import TypeVar
 
 from imotor_ros.bag.reader import RunBag
-from imotor_ros.campaign.bench import Bench, ExcitationAdvanced, RunEvent
+from imotor_ros.campaign.bench import Bench, ExcitationAdvanced, RunEvent, TrialPlayer
 from imotor_ros.campaign.plan import VIRTUAL_EPOCH, RunPlan
 from imotor_ros.campaign.point import DriveParameters
 from imotor_ros.core.channel import ROD_VELOCITY, VOLTAGE
@@ -50,7 +50,8 @@ def measure(
     procedure : Procedure
         What to carry out, fresh.
     keeps_bags : bool
-        Whether the bags of the trials stay.
+        Whether the bags of the trials stay. If not, and the procedure needs nothing but the rod
+        velocity, a bench that can plays them without.
 
     Raises
     ------
@@ -66,6 +67,9 @@ def measure(
     while step.trial is not None:
         trial = step.trial
         yield ExcitationAdvanced(trial.stage, trial.amplitude_error, trial.phase_error)
+        if not keeps_bags and isinstance(bench, TrialPlayer):
+            step.send(bench.play(trial, plan))
+            continue
         run = _plan_of(trial, plan)
         yield from bench.run(run)
         recording = read_recording(run)

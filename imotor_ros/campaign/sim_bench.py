@@ -69,6 +69,10 @@ class SimBench:
             search.send(play_trial(trial, plan))
         return search.result
 
+    def play(self, trial: Trial, plan: RunPlan) -> Recording:
+        """Play a trial; see `TrialPlayer`."""
+        return play_trial(trial, plan)
+
     def run(self, plan: RunPlan) -> Iterator[RunEvent]:
         """Carry out one run; see `Bench.run`."""
         _refuse_driver(plan)

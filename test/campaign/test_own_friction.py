@@ -9,9 +9,11 @@ from typing import Any
 
 import pytest
 
-from imotor_ros.campaign import own_friction, tasks
+from imotor_ros.campaign import measurement, own_friction, tasks
 from imotor_ros.campaign.campaign import Campaign, campaign_from_mapping, load_campaign
+from imotor_ros.campaign.excite import excite_run
 from imotor_ros.campaign.own_friction import identification_points
+from imotor_ros.campaign.plan import plan_run
 from imotor_ros.campaign.predictions import predict_point
 from imotor_ros.campaign.results import law_from_mapping
 from imotor_ros.campaign.runner import run_campaign
@@ -107,3 +109,24 @@ def test_campaign_takes_the_steps_from_a_file_or_as_they_are(tmp_path: Path) -> 
     with pytest.raises(BadInputError, match="identification"):
         campaign(identification={"stepps": 3})
     assert own_friction.FOLDER == "identification"
+
+
+def test_trials_without_bags_find_the_same_voltages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What a bench plays without recording it is what it would have recorded."""
+    ((run, _),) = identification_points(campaign())
+
+    def program() -> object:
+        steps = excite_run(plan_run(run, tmp_path / "run"), SimBench())
+        while True:
+            try:
+                next(steps)
+            except StopIteration as end:
+                return end.value.program
+
+    found = program()
+    assert not (tmp_path / "run" / "trials").exists()
+    monkeypatch.setattr(measurement, "TrialPlayer", int)
+    assert program() == found
+    assert (tmp_path / "run" / "trials").exists()
