@@ -60,6 +60,7 @@ setup(
         "pyyaml",
         "rich",
     ],
+    extras_require={"dask": ["distributed"]},
     python_requires=">=3.11",
     zip_safe=True,
     entry_points={

@@ -12,7 +12,10 @@ from bootstrap.layout import Layout, find_layout
 from bootstrap.state import State
 
 # Sections of the lock file that a verb needs beside the usual ones.
-EXTRAS = {"test": ("test",), "bench": ("bench",)}
+EXTRAS = {"test": ("test", "dask"), "bench": ("bench",)}
+
+# The same for an option of any verb.
+EXTRAS_OF_OPTIONS = {"--scheduler": ("dask",)}
 
 # The verbs that concern the environment itself; all others are imotor_ros.cli's.
 OWN_VERBS = ("clean", "setup", "shell-env", "test")
@@ -24,7 +27,7 @@ def main(arguments: list[str]) -> int:
     layout = find_layout(os.environ)
     changed = {}
     if verb != "clean":
-        version = prepare(layout, EXTRAS.get(verb, ()))
+        version = prepare(layout, find_extras(arguments))
         if not version:
             return 1
         changed = environment.changed_variables(layout, version, os.environ)
@@ -35,6 +38,14 @@ def main(arguments: list[str]) -> int:
     os.environ.update(changed)
     # In place of this process, so that signals reach the verb.
     return os.execv(layout.venv_python, [layout.venv_python, "-m", "imotor_ros.cli", *arguments])
+
+
+def find_extras(arguments: list[str]) -> tuple[str, ...]:
+    """Return the sections of the lock file that a command line needs beside the usual ones."""
+    extras = EXTRAS.get(arguments[0], ()) if arguments else ()
+    for argument in arguments[1:]:
+        extras += EXTRAS_OF_OPTIONS.get(argument.split("=")[0], ())
+    return extras
 
 
 def prepare(layout: Layout, extras: tuple[str, ...]) -> str:

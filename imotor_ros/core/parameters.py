@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Self
@@ -309,6 +309,38 @@ def all_leaves(
             options = FieldInfo(f"which {field.name}", options=tuple(info.classes))
             yield f"{name}.{info.key}", _default_choice(field), options
             yield from _leaves_of_choices(info, name + ".")
+
+
+def varying_leaves(objects: Sequence[Parameters]) -> list[dict[str, Any]]:
+    """
+    Return, for each of several objects of one class, the parameters in which they differ.
+
+    By dotted name, in one order for all; None where an object's choice does not have it.
+    """
+    found: list[dict[str, Any]] = [{} for _ in objects]
+    _collect_varying(objects, "", found)
+    return found
+
+
+def _collect_varying(
+    objects: Sequence[Parameters | None], prefix: str, found: Sequence[dict[str, Any]]
+) -> None:
+    classes = dict.fromkeys(type(one) for one in objects if one is not None)
+    names = dict.fromkeys((f.name, f) for c in classes for f in dataclasses.fields(c))
+    for name, field in names:
+        values = [getattr(one, name, None) for one in objects]
+        if all(value == values[0] for value in values):
+            continue
+        info = field.metadata[_KEY]
+        if isinstance(info, FieldInfo):
+            for row, value in zip(found, values, strict=True):
+                row[prefix + name] = list(value) if isinstance(value, tuple) else value
+            continue
+        if len({type(value) for value in values}) > 1:
+            keys = {inner: key for key, inner in info.classes.items()}
+            for row, value in zip(found, values, strict=True):
+                row[f"{prefix}{name}.{info.key}"] = keys.get(type(value))
+        _collect_varying(values, f"{prefix}{name}.", found)
 
 
 def _leaves_of_choices(info: _Group, prefix: str) -> Iterator[tuple[str, Any, FieldInfo]]:
