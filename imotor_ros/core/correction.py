@@ -21,7 +21,7 @@ from imotor_ros.core.excitation import Excitation
 from imotor_ros.core.response_by_steps import measure_steps
 from imotor_ros.core.signals import HarmonicMotion
 from imotor_ros.core.trial import Procedure, Trial
-from imotor_ros.errors import ExcitationError
+from imotor_ros.errors import BadInputError, ExcitationError
 
 __all__ = ["CorrectionParameters", "Excitation", "ExcitationRequest", "correct_excitation"]
 
@@ -52,6 +52,11 @@ class ExcitationRequest:
     parameters : CorrectionParameters
         When to be content.
 
+    Raises
+    ------
+    BadInputError
+        If a number makes no sense, or the motion is too fast for the sample rate.
+
     """
 
     run_id: str
@@ -63,6 +68,21 @@ class ExcitationRequest:
     ramp_periods: float = 1.0
     is_corrected: bool = True
     parameters: CorrectionParameters = field(default_factory=CorrectionParameters)
+
+    def __post_init__(self) -> None:
+        """Check the numbers: a request may come from outside, by a message."""
+        highest = self.motion.max_frequency
+        for name, is_good, bound in (
+            ("sample_rate", self.sample_rate > 2.0 * highest, f"> {2.0 * highest:g} Hz"),
+            ("offset", True, "a number of V"),
+            ("bias_time", 0.0 <= self.bias_time <= 60.0, ">= 0 and <= 60 s"),
+            ("ramp_periods", 0.0 <= self.ramp_periods <= 1e6, ">= 0 and <= 1e6"),
+        ):
+            value = getattr(self, name)
+            if not (is_good and math.isfinite(value)):
+                raise BadInputError(
+                    "cannot be used", where=f"{self.run_id}: {name}", value=value, bound=bound
+                )
 
     def procedure(self, limits: DriveLimits) -> Procedure[Excitation]:
         """Return the procedure that finds the voltage within limits; see `correct_excitation`."""
