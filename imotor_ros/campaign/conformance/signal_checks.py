@@ -62,7 +62,7 @@ _PARTS = 4
 
 _MOVING = (ROD_VELOCITY, SLIDER_VELOCITY)
 
-_GRID = 1024
+_GRID = 512
 """Points of a period in which the sign of the relative velocity is taken."""
 
 
@@ -112,12 +112,21 @@ def fit_sine(samples: Samples, first: int, frequency: float, sample_rate: float)
         if len(index) < 8:
             break
         turn = 2.0 * np.pi * (((first + index) * (frequency / sample_rate)) % 1.0)
-        basis = np.column_stack((np.sin(turn), np.cos(turn), np.ones_like(index), index - index[0]))
-        a, b, *_ = np.linalg.lstsq(basis, samples[begin : begin + len(index)], rcond=None)[0]
+        basis = np.column_stack(
+            (np.sin(turn), np.cos(turn), np.ones_like(index), index - index.mean())
+        )
+        a, b, *_ = _least_squares(basis, samples[begin : begin + len(index)])
         phasors.append(complex(a, b))
     values = np.asarray(phasors)
     scatter = float(np.sqrt(np.mean(np.abs(values - values.mean()) ** 2) / max(1, len(values) - 1)))
     return Sine(complex(values.mean()), scatter)
+
+
+def _least_squares(basis: Samples, samples: Samples) -> Samples:
+    """Return the coefficients; by the normal equations, as the columns are nearly orthogonal."""
+    scale = 1.0 / np.sqrt((basis * basis).sum(axis=0))
+    scaled = basis * scale
+    return np.asarray(scale * np.linalg.solve(scaled.T @ scaled, scaled.T @ samples))
 
 
 class RunSignals:
@@ -193,8 +202,10 @@ class RunSignals:
         orders = np.arange(1, count + 1)
         index = window.start + np.arange(len(samples), dtype=np.float64)
         turn = 2.0 * np.pi * np.outer((index * (frequency / self.rate)) % 1.0, orders)
-        basis = np.column_stack((np.sin(turn), np.cos(turn), np.ones_like(index), index - index[0]))
-        fit = np.linalg.lstsq(basis, samples, rcond=None)[0]
+        basis = np.column_stack(
+            (np.sin(turn), np.cos(turn), np.ones_like(index), index - index.mean())
+        )
+        fit = _least_squares(basis, samples)
         phasors = fit[:count] + 1j * fit[count : 2 * count]
         return np.asarray(phasors / channel_response(channel, orders * frequency))
 
@@ -511,12 +522,13 @@ def _sliding_lag(signals: RunSignals, label: str, frequency: float) -> float:
     rod, slider = (signals.harmonics(c, label, frequency, count) for c in _MOVING)
     orders = np.arange(1, count + 1)
     turn = np.exp(2j * np.pi * np.outer(np.arange(_GRID) / _GRID, orders))
+    back = 2j / _GRID * turn.conj()
 
     def misfit(lag: float) -> float:
         shifted = slider * np.exp(2j * np.pi * orders * frequency * lag)
         relative = rod - shifted
         motion = np.imag(turn @ relative)
-        sign = 2j / _GRID * (np.sign(motion) @ turn.conj())
+        sign = np.sign(motion) @ back
         basis = np.column_stack((sign, relative))
         acceleration = 1j * orders * shifted
         stacked = np.vstack((basis.real, basis.imag))
@@ -525,8 +537,8 @@ def _sliding_lag(signals: RunSignals, label: str, frequency: float) -> float:
         is_friction = solution[0] > 0.0 and left.size > 0  # half a period off it would brake
         return float(left[0] if is_friction else wanted @ wanted)
 
-    coarse = _least(misfit, 0.0, 60e-6, 121)
-    return _least(misfit, coarse, 1e-6, 41)
+    coarse = _least(misfit, 0.0, 60e-6, 61)
+    return _least(misfit, coarse, 2e-6, 41)
 
 
 def _least(function: Callable[[float], float], middle: float, span: float, steps: int) -> float:
