@@ -128,14 +128,14 @@ def record(right: RunRecord) -> RunRecord:
     return deepcopy(right)
 
 
-def check(record: RunRecord) -> tuple[Result, ...]:
-    """Return the verdicts of all checks on a run."""
+def check(record: RunRecord, *, has_signals: bool = True) -> tuple[Result, ...]:
+    """Return the verdicts of all checks on a run, with those on its signals or without."""
     findings = Findings()
     check_streams(record, MEASURED, findings)
     check_channels(record, MEASURED, findings)
     check_flow(record, findings)
     check_acknowledged_when_put_out(record, findings)
-    if record.is_complete(MEASURED):
+    if has_signals and record.is_complete(MEASURED):
         signals = RunSignals(record)
         check_voltage(signals, findings)
         check_identity(signals, findings)
@@ -144,9 +144,9 @@ def check(record: RunRecord) -> tuple[Result, ...]:
     return conclude(findings, "not part of this test")
 
 
-def failures(record: RunRecord) -> dict[str, str]:
+def failures(record: RunRecord, *, has_signals: bool = True) -> dict[str, str]:
     """Return the evidence of all requirements that failed."""
-    results = check(record)
+    results = check(record, has_signals=has_signals)
     return {one.requirement.id: one.evidence for one in results if one.verdict is Verdict.FAIL}
 
 
@@ -195,9 +195,9 @@ def test_lags_are_found_as_they_are(record: RunRecord) -> None:
             change_samples(late, name, lambda x, n=samples: np.concatenate((x[:n], x[:-n])))
         found = check_alignment(RunSignals(late), MEASURED, Findings(), 1e-3)
         for name in (ROD_VELOCITY, CURRENT):
-            # steady sines: shifted by whole samples they are the same, so up to rounding exact
+            # what is in a window is shifted too, by samples that have settled less
             moved = found[name].value - lags[name].value
-            assert moved == pytest.approx(samples / program.sample_rate, abs=2e-8)
+            assert moved == pytest.approx(samples / program.sample_rate, abs=1e-7)
         # the slider now leads the rod by as much, up to the 0.1 us by which its lag is known
         assert found[SLIDER_VELOCITY].value - lags[SLIDER_VELOCITY].value == pytest.approx(
             -samples / program.sample_rate, abs=3e-7
@@ -337,7 +337,7 @@ WRONG: dict[str, tuple[Callable[[RunRecord], Any], str, str]] = {
 def test_driver_with_a_fault_is_caught(record: RunRecord, what: str) -> None:
     spoil, requirement, text = WRONG[what]
     spoil(record)
-    found = failures(record)
+    found = failures(record, has_signals=requirement[0] in "AV")  # these take their time
     assert requirement in found, found
     assert text in found[requirement]
 
@@ -358,7 +358,9 @@ def test_samples_beyond_the_program_are_too_many(record: RunRecord) -> None:
     extra = np.zeros(100)
     change_samples(record, CURRENT, lambda x: np.concatenate((x, extra)))
     length = record.program.length
-    assert f"too many samples: {length + 100} of {length}" in failures(record)["D1"]
+    assert (
+        f"too many samples: {length + 100} of {length}" in failures(record, has_signals=False)["D1"]
+    )
 
 
 # ---- stops -----------------------------------------------------------------------------------
