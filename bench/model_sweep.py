@@ -4,8 +4,8 @@ Points of a campaign by the model: what all cores do beside one, and beside the 
 Run as `python bench/model_sweep.py [POINTS] [ROUNDS]`. The bare solver is the closed form alone,
 4000 periods for every point, from the same parameters: no chunks, no regression, no table. Its
 speed times the cores is what a sweep can at most do; the closed form that ends when it is steady,
-which the sweep uses, is faster. The best of the rounds counts, for other work on the machine
-takes its share of the time on the clock.
+which the sweep uses, is faster. The best of the rounds counts. Other work on the machine takes its
+share of the time on the clock, so that the processor time of all processes stands beside it.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import os
 import sys
 import time
 from collections.abc import Callable
+from multiprocessing import forkserver
+from pathlib import Path
 
 from imotor_ros.campaign.campaign import NamedPoint, campaign_from_mapping
 from imotor_ros.campaign.model_sweep import case_of, predict_points
@@ -44,6 +46,16 @@ def solve(points: tuple[NamedPoint, ...], until_steady: bool) -> None:
         )  # fmt: skip
 
 
+def processor_time() -> float:
+    """Return the time (s) of this process, and of the workers that have ended."""
+    server = forkserver._forkserver._forkserver_pid
+    ticks = 0
+    if server is not None:
+        fields = Path(f"/proc/{server}/stat").read_text().rpartition(")")[2].split()
+        ticks = sum(map(int, fields[11:15]))
+    return time.process_time() + ticks / os.sysconf("SC_CLK_TCK")
+
+
 def main() -> None:
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 10_000
     rounds = int(sys.argv[2]) if len(sys.argv) > 2 else 2
@@ -68,17 +80,24 @@ def main() -> None:
         every: sweep(every, cores),
     }
     list(predict_points(points[:3], 1))  # compiled code is loaded once
-    best = dict.fromkeys(calls, float("inf"))
+    wall, used = ({name: float("inf") for name in calls} for _ in range(2))
     for _ in range(rounds):
         for name, call in calls.items():
-            start = time.perf_counter()
+            start, before = time.perf_counter(), processor_time()
             call()
-            best[name] = min(best[name], time.perf_counter() - start)
-    for name, seconds in best.items():
-        print(f"{name:<28}{seconds:8.2f} s  {count / seconds:7.0f} points/s")
-    print(f"{cores} processes over 1, per core:             {best[one] / best[every] / cores:.0%}")
-    print(f"over the bare solver of 4000 periods, per core: {best[bare] / best[every] / cores:.0%}")
-    print(f"over the one until steady, per core:      {best[steady] / best[every] / cores:.0%}")
+            wall[name] = min(wall[name], time.perf_counter() - start)
+            used[name] = min(used[name], processor_time() - before)
+    for name in calls:
+        rate = count / wall[name]
+        print(
+            f"{name:<26}{wall[name]:8.2f} s {rate:6.0f} points/s, {used[name]:6.2f} s of processors"
+        )
+    for title, name in (("1 process", one), (bare, bare), (steady, steady)):
+        print(
+            f"{cores} processes over {title}, per core: by the clock "
+            f"{wall[name] / wall[every] / cores:.0%}, by the processors "
+            f"{used[name] / used[every]:.0%}"
+        )
     print(f"results equal: {found[one] == found[every]}; load {os.getloadavg()[0]:.1f}")
 
 
