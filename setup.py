@@ -14,6 +14,7 @@ NODES = [
     "evaluator",
     "recorder",
     "player",
+    "scpi_bench",
 ]
 
 
@@ -59,6 +60,8 @@ setup(
         "matplotlib",
         "pyyaml",
         "rich",
+        "pyvisa",
+        "pyvisa-py",
     ],
     extras_require={"dask": ["distributed"]},
     python_requires=">=3.11",
@@ -67,6 +70,7 @@ setup(
         "console_scripts": [
             *(f"{name} = {PACKAGE}.nodes.{name}:main" for name in NODES),
             f"run_campaign = {PACKAGE}.cli.run:main",
+            f"virtual_instruments = {PACKAGE}.nodes.virtual_instruments.server:main",
         ],
     },
 )
