@@ -17,7 +17,7 @@ def pulse_profile(*, is_writer: bool) -> QoSProfile:
     """Return the profile of a pulse; the writer offers a deadline, our readers ask for none."""
     profile = QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=1,
+        depth=1 if is_writer else 10,
         reliability=ReliabilityPolicy.RELIABLE,
         durability=DurabilityPolicy.TRANSIENT_LOCAL,
     )

@@ -40,7 +40,13 @@ from imotor_ros.core.drive import DriveProgram, Ending
 from imotor_ros.core.drive_limits import DriveLimits
 from imotor_ros.core.parameters import group, parameter
 from imotor_ros.core.trial import Steps
-from imotor_ros.errors import DeadlineError, DriveFaultError, DriveLimitError, ImotorError
+from imotor_ros.errors import (
+    BadInputError,
+    DeadlineError,
+    DriveFaultError,
+    DriveLimitError,
+    ImotorError,
+)
 from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
 from imotor_ros.nodes.stand_state import PULSE_INTERVAL, StatePublisher
 from imotor_ros.nodes.trial_collector import TrialCollector
@@ -99,6 +105,7 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         self._unsent: SampleBlock | None = None
         self._unsent_since = 0.0
         self._left_on = ""
+        self._played: set[str] = set()
         self._stops = 0
         self._stops_at_acceptance: dict[bytes, int] = {}
         self._program_publisher: Publisher | None = None
@@ -135,6 +142,10 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         self.add_subscription(CHANNELS, self._on_channel)
         # raw, because it is of no interest but in a correction; without one it need not be there
         self.add_subscription(ROD_VELOCITY, self._on_rod_velocity, raw=True, is_awaited=False)
+
+    def activate(self) -> None:
+        """Forget the runs before."""
+        self._played.clear()
 
     def deactivate(self) -> None:
         """End the program that is being played, if any."""
@@ -220,8 +231,18 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
         return CANCELLED if goal.is_cancel_requested else ""
 
     def _take_up(self, program: DriveProgram) -> GeneratorRole:
+        if program.run_id in self._played:
+            # the nodes know a run by its id: they would take the second for the end of the first
+            raise BadInputError(
+                "was played already",
+                where="run_id",
+                value=program.run_id,
+                bound="another one, or deactivate and activate all nodes first",
+            )
         settings = self.parameters
-        return GeneratorRole(program, settings.block_length, settings.window, settings.limits)
+        role = GeneratorRole(program, settings.block_length, settings.window, settings.limits)
+        self._played.add(program.run_id)
+        return role
 
     async def _play(self, role: GeneratorRole) -> str:
         """Play a program to its end, and return the outcome."""
