@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from imotor_ros.bag.reader import RunBag
+from imotor_ros.contracts.blocks import stamp_error
 from imotor_ros.contracts.topics import MEASURED_TOPICS
 from imotor_ros.core.evaluator import EvaluatorParameters, RunEvaluator
 from imotor_ros.core.indicators import Performance
@@ -41,8 +42,9 @@ def evaluate_bag(path: Path | str, parameters: EvaluatorParameters | None = None
                 evaluator.add_channel(channel)
         for block in bag.blocks(*names) if names else ():
             evaluator.add_samples(
-                block.stream, block.first_index, block.samples, block.flags, block.sample_rate
-            )
+                block.stream, block.first_index, block.samples, block.flags, block.sample_rate,
+                stamp_error(block, bag.program.epoch, bag.program.sample_rate),
+            )  # fmt: skip
         return evaluator.performance()
 
 

@@ -90,6 +90,11 @@ class SampleBlock:
         )
 
 
+def stamp_error(block: SampleBlock, epoch: int, sample_rate: float) -> int:
+    """Return by how much (ns) the time of a block is not that of its first sample."""
+    return block.time - sample_time(epoch, block.first_index, sample_rate)
+
+
 @dataclass
 class StreamLedger:
     """

@@ -26,6 +26,7 @@ from imotor_ros.core.evaluator_parameters import EvaluatorParameters
 from imotor_ros.core.indicators import UNITS, Indicator, Performance, Window
 from imotor_ros.core.measured_stream import MeasuredStream
 from imotor_ros.core.periods import PeriodGrid
+from imotor_ros.core.plausibility import find_doubts
 from imotor_ros.core.run_analysis import RunAnalysis
 from imotor_ros.core.run_view import RunView
 from imotor_ros.errors import BadInputError
@@ -73,6 +74,7 @@ class _Block:
     samples: NDArray[np.float64]
     flags: int
     sample_rate: float | None
+    stamp_error: int
 
 
 @dataclass
@@ -169,7 +171,9 @@ class RunEvaluator:
             keeps_start=run.grid.origin if run.grid and name == LOAD_FORCE else 0,
         )
         for block in run.waiting.pop(name, []):
-            run.streams[name].add(block.first_index, block.samples, block.flags, block.sample_rate)
+            run.streams[name].add(
+                block.first_index, block.samples, block.flags, block.sample_rate, block.stamp_error
+            )
 
     def add_samples(
         self,
@@ -178,6 +182,7 @@ class RunEvaluator:
         samples: ArrayLike,
         flags: int = 0,
         sample_rate: float | None = None,
+        stamp_error: int = 0,
     ) -> None:
         """
         Take a block of samples of one channel.
@@ -195,6 +200,8 @@ class RunEvaluator:
             Bitwise or of `SampleFlag`.
         sample_rate : float, optional
             Samples per second (Hz), if the block tells; it must be that of the program.
+        stamp_error : int
+            By how much (ns) the block's time is not that of its first sample.
 
         Raises
         ------
@@ -204,9 +211,10 @@ class RunEvaluator:
         """
         run = self._run
         if name in run.streams:
-            run.streams[name].add(first_index, samples, flags, sample_rate)
+            run.streams[name].add(first_index, samples, flags, sample_rate, stamp_error)
             return
-        block = _Block(first_index, np.array(samples, dtype=np.float64), flags, sample_rate)
+        kept = np.array(samples, dtype=np.float64)
+        block = _Block(first_index, kept, flags, sample_rate, stamp_error)
         run.waiting.setdefault(name, []).append(block)
 
     @property
@@ -236,6 +244,7 @@ class RunEvaluator:
             indicators = tuple(Indicator(name, u, reason=run.reason) for name, u in UNITS.items())
         else:
             view = RunView(self.parameters, run.program, run.grid, run.streams, end)
+            view.doubts = find_doubts(view)
             analysis = RunAnalysis(view)
             indicators = analysis.indicators()
             windows = analysis.windows()

@@ -17,6 +17,7 @@ from imotor_ros.core.channel import ChannelDescription, SampleFlag
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.indicators import StreamCount
 from imotor_ros.core.periods import FoldedChannel, PeriodGrid
+from imotor_ros.core.step_probe import PROBED, StepProbe
 from imotor_ros.errors import BadInputError
 
 Samples = NDArray[np.float64]
@@ -72,6 +73,8 @@ class MeasuredStream:
         self._not_finite: list[_Event] = []
         self._flagged: list[_Event] = []
         self._other_rate: list[tuple[int, float]] = []
+        self._stamp_errors: list[tuple[int, int]] = []
+        self._steps = StepProbe(description.resolution, _probed(program))
         self._limited: list[NDArray[np.int64]] = []
         self._is_broken = False
 
@@ -85,7 +88,12 @@ class MeasuredStream:
         self._program = program
 
     def add(
-        self, first_index: int, samples: ArrayLike, flags: int, sample_rate: float | None
+        self,
+        first_index: int,
+        samples: ArrayLike,
+        flags: int,
+        sample_rate: float | None,
+        stamp_error: int = 0,
     ) -> None:
         """
         Take a block; see `RunEvaluator.add_samples`.
@@ -106,6 +114,8 @@ class MeasuredStream:
             self._flagged.append(_Event(first_index, first_index + block.size, int(flags)))
         if sample_rate is not None and sample_rate != self._program.sample_rate:
             self._other_rate.append((first_index, sample_rate))
+        if stamp_error:
+            self._stamp_errors.append((first_index, stamp_error))
         block = self._in_order(first_index, block)
         if block.size:
             self._take(block)
@@ -132,6 +142,7 @@ class MeasuredStream:
             self._not_finite += [_Event(first + int(i), first + int(i) + 1) for i in bad]
             self._is_broken = True
         self._note_limits(first, block)
+        self._steps.add(first, block)
         kept = self._start[first : self._next]
         kept[:] = block[: kept.size]
         # A broken stream needs no more periods: from here on nothing is read from it.
@@ -193,6 +204,12 @@ class MeasuredStream:
                 f"{name} is sampled at {rates[0]:.12g} Hz, but the drive program says "
                 f"{self._program.sample_rate:.12g} Hz"
             )
+        stamps = [error for index, error in self._stamp_errors if index < end]
+        if stamps:
+            return (
+                f"the stamps of {name} are not those of its samples (epoch + index / rate), but "
+                f"{stamps[0] * 1e-9:.9g} s off: stamps from another clock"
+            )
         not_finite = _total(self._not_finite, reached)
         if not_finite:
             return f"{not_finite} of {reached} samples of {name} are not finite"
@@ -202,7 +219,17 @@ class MeasuredStream:
             return f"{limited} of {reached} samples of {name} are at the end of its range, {limit}"
         if self.flags(end) & SampleFlag.OVER_RANGE:
             return f"{name} was over its range, {limit}"
-        return ""
+        if self.flags(end) & SampleFlag.RAMPED_DOWN:
+            return f"{name} was measured while the driver took the voltage off by itself"
+        return self._steps.defect(name, self.description.unit, reached)
+
+
+def _probed(program: DriveProgram) -> tuple[int, int]:
+    """Return where the steps of the samples are looked at: in the steady drive, if there is one."""
+    start, end = 0, program.length
+    if any(segment.label == "hold" for segment in program.segments):
+        start, end = program.span("hold")
+    return start, min(end, start + PROBED)
 
 
 def _total(events: list[_Event], end: int) -> int:

@@ -46,6 +46,8 @@ class RunView:
         First whole period at full drive that every channel shows.
     warnings : list of str
         What came up on the way.
+    doubts : mapping of str to str
+        Why channels cannot be what they say, by channel; see `plausibility`.
 
     """
 
@@ -62,6 +64,7 @@ class RunView:
         self.grid = grid
         self.until = until
         self.warnings: list[str] = []
+        self.doubts: Mapping[str, str] = {}
         self._streams = streams
         usable = [one for name, one in streams.items() if one.folded and not self.missing(name)]
         self.rows = min((min(one.rows_until(until), grid.count) for one in usable), default=0)
@@ -91,7 +94,9 @@ class RunView:
     def missing(self, name: str) -> str:
         """Return why a channel cannot be used; empty if it can."""
         stream = self._streams.get(name)
-        return f"the run has no channel {name}" if stream is None else stream.reason(self.until)
+        if stream is None:
+            return f"the run has no channel {name}"
+        return stream.reason(self.until) or self.doubts.get(name, "")
 
     def require(self, *names: str) -> None:
         """

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from imotor_ros.contracts.blocks import SampleBlock
+from imotor_ros.contracts.blocks import SampleBlock, stamp_error
 from imotor_ros.core.channel import ChannelDescription
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.evaluator import EvaluatorParameters, RunEvaluator
@@ -58,8 +58,9 @@ class EvaluatorRole:
     def add_block(self, block: SampleBlock) -> None:
         """Take a measured block."""
         self._evaluator.add_samples(
-            block.stream, block.first_index, block.samples, block.flags, block.sample_rate
-        )
+            block.stream, block.first_index, block.samples, block.flags, block.sample_rate,
+            stamp_error(block, self._program.epoch, self._program.sample_rate),
+        )  # fmt: skip
         self._ends[block.stream] = max(self._ends[block.stream], block.end_index)
 
     def reports(self) -> Iterator[Performance]:

@@ -21,9 +21,12 @@ from imotor_ros.core.channel import (
 )
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.evaluator import EvaluatorParameters, RunEvaluator
+from imotor_ros.core.evaluator_parameters import PlausibilityParameters
 from imotor_ros.core.indicators import Performance
 
 Array = NDArray[np.float64]
+
+UNCHECKED = PlausibilityParameters(is_checked=False)
 
 UNITS = {ROD_VELOCITY: "m/s", SLIDER_VELOCITY: "m/s", LOAD_FORCE: "N", VOLTAGE: "V", CURRENT: "A"}
 
@@ -138,8 +141,14 @@ class PaperRun:
         parameters: EvaluatorParameters | None = None,
         **changed: Array,
     ) -> RunEvaluator:
-        """An evaluator that has been given all samples of the named channels."""
-        evaluator = RunEvaluator(parameters)
+        """
+        An evaluator that has been given all samples of the named channels.
+
+        Formulas that are independent of each other contradict each other: that is not checked.
+        """
+        evaluator = RunEvaluator(
+            (parameters or EvaluatorParameters()).replace(plausibility=UNCHECKED)
+        )
         evaluator.begin(self.program)
         for name in names:
             evaluator.add_channel(self.channel(name))

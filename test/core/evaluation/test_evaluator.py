@@ -23,8 +23,12 @@ from imotor_ros.core.channel import (
 )
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.evaluator import EvaluatorParameters, RunEvaluator
+from imotor_ros.core.evaluator_parameters import PlausibilityParameters
 from imotor_ros.core.indicators import UNITS, Performance, StreamCount
 from imotor_ros.errors import BadInputError
+
+UNCHECKED = EvaluatorParameters(plausibility=PlausibilityParameters(is_checked=False))
+"""Formulas that are independent of each other contradict each other."""
 
 Array = NDArray[np.float64]
 Run = Any  # PaperRun of conftest.py
@@ -251,7 +255,7 @@ def test_indicator_is_refused_with_its_reason(
 
 def test_program_without_hold_is_counted_but_not_evaluated(paper_run: Run) -> None:
     program = paper_run.program
-    evaluator = RunEvaluator()
+    evaluator = RunEvaluator(UNCHECKED)
     evaluator.begin(dataclasses.replace(program, segments=program.segments[:2]))
     evaluator.add_channel(paper_run.channel(SLIDER_VELOCITY))
     evaluator.add_samples(SLIDER_VELOCITY, 0, np.zeros(5000))
@@ -413,7 +417,7 @@ def cut(run: Run, block: int, seed: int) -> RunEvaluator:
     Some channels are described after their first samples.
     """
     rng = np.random.default_rng(seed)
-    evaluator = RunEvaluator()
+    evaluator = RunEvaluator(UNCHECKED)
     evaluator.begin(run.program)
     samples = {name: run.samples(name) for name in MEASURED_CHANNELS}
     position = dict.fromkeys(MEASURED_CHANNELS, 0)
@@ -453,7 +457,7 @@ def test_result_does_not_depend_on_single_samples(paper_run: Run) -> None:
 def test_provisional_result_looks_at_no_later_sample(paper_run: Run) -> None:
     whole = paper_run.evaluator()
     for until in (3_000, 11_000, 33_333, 47_000):
-        evaluator = RunEvaluator()
+        evaluator = RunEvaluator(UNCHECKED)
         evaluator.begin(paper_run.program)
         for name in MEASURED_CHANNELS:
             evaluator.add_channel(paper_run.channel(name))
@@ -483,7 +487,7 @@ def test_provisional_results_can_be_had_at_any_sample(paper_run: Run) -> None:
 
 
 def test_run_is_complete_when_every_channel_is(paper_run: Run) -> None:
-    evaluator = RunEvaluator()
+    evaluator = RunEvaluator(UNCHECKED)
     evaluator.begin(paper_run.program)
     assert not evaluator.is_complete
     for name in MEASURED_CHANNELS:
