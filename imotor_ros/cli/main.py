@@ -27,6 +27,7 @@ VERBS = {
     "identify-friction": "find the friction law of a motor from a sine of stepped amplitude",
     "sweep": "predict every point of a campaign with the motor model, on all cores",
     "report": "write the report of a campaign again",
+    "figures": "make a page with the figures of the paper",
     "evaluate": "compute the indicators of a recorded run",
     "replay": "play a recorded run through the topics to the evaluator",
     "recover": "mend a bag whose recorder was killed",
