@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from lifecycle_msgs.msg import Transition
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, ReliabilityPolicy
 
 from imotor_ros.campaign.conformance.flow_checks import (
@@ -81,6 +79,9 @@ _TARGETS = {
 _FOREIGN = (DRIVE_VOLTAGE, DRIVE_PROGRAM, STATE, RUN_INFO, PERFORMANCE, RECORDING)
 """What generator, evaluator and recorder publish, and a driver does not."""
 
+_PATIENCE = "match_timeout"
+"""Parameter of the nodes of this stand that says how long they wait for their peers."""
+
 _LIVES = 2
 """Starts of the driver that all scenarios need: one life ends by a signal, one by a transition."""
 
@@ -116,6 +117,27 @@ class Deadlines:
 
 class CheckAborted(Exception):
     """The driver is in no state in which the check can go on; the text says why."""
+
+
+@dataclass(frozen=True)
+class Stage:
+    """
+    A part of the check.
+
+    Attributes
+    ----------
+    text : str
+        What is being done.
+    requirement : str
+        Id of the requirement that fails if the driver ends or hangs meanwhile.
+    scenario : callable
+        Does it.
+
+    """
+
+    text: str
+    requirement: str
+    scenario: Callable[[], None]
 
 
 class DriverCheck:
@@ -161,6 +183,7 @@ class DriverCheck:
         self._start = start
         self._processes: DriverProcesses | None = None
         self._deadlines = deadlines or Deadlines()
+        self._stage = Stage("start", "L1", _nothing)
         self._run_number = 0
         self._collects_first = False
         self._lives = lives
@@ -170,77 +193,79 @@ class DriverCheck:
     def run(self) -> Iterator[str]:
         """Carry out all scenarios, one after the other; yield what is being done."""
         try:
-            yield from self._scenarios()
+            for stage in self._stages():
+                self._stage = stage
+                yield stage.text
+                stage.scenario()
         except (CheckAborted, NodeDiedError, DeadlineError) as error:
             self.unreached = str(error).splitlines()[0]
             if not isinstance(error, CheckAborted):
-                self.findings.fails("L2", str(error))
+                self.findings.fails(self._stage.requirement, f"{self._stage.text}: {error}")
         finally:
             self._probe.watch = _nothing
             if self._processes is not None:
                 self._processes.stop(self._deadlines.end)
 
-    def _scenarios(self) -> Iterator[str]:
-        yield "start"
-        self._start_up()
-        self._refuse_in_unconfigured()
-        yield "configure"
-        self._transit(CONFIGURE)
-        self._refuse_in_inactive()
-        yield "interfaces"
-        self._check_interfaces()
-        if self._probe.is_replay:
-            yield from self._replay_scenarios()
-        else:
-            yield from self._driver_scenarios()
+    def _stages(self) -> Iterator[Stage]:
+        yield Stage("start", "L1", self._start_up)
+        yield Stage("transitions out of place", "L3", self._refuse_in_unconfigured)
+        yield Stage("configure", "L2", lambda: self._transit(CONFIGURE))
+        yield Stage("transitions out of place", "L3", self._refuse_in_inactive)
+        yield Stage("interfaces", "I1", self._check_interfaces)
+        yield from self._replay_stages() if self._probe.is_replay else self._driver_stages()
 
-    def _driver_scenarios(self) -> Iterator[str]:
-        yield "activate"
-        self._transit(ACTIVATE)
-        for text, scenario in (
-            ("steps and sines", self._characterise),
-            ("blocks of any length, slow reader", self._play_in_pieces),
-            ("stop", self._stop_gently),
-            ("another run too soon", self._interrupt_by_another),
-            ("abandoned run", self._abandon),
-            ("voltage out of range", self._exceed_range),
-            ("voltage that is no number", self._send_nan),
-            ("missing voltage", self._send_gap),
-            ("silent generator", self._fall_silent),
-            ("deactivation with voltage on", self._deactivate_under_voltage),
-            ("missing reader", self._miss_a_reader),
-            ("clean-up and return", self._return_from_unconfigured),
-            ("end with voltage on", self._end_under_voltage),
-            ("shutdown", self._shut_down),
-        ):
-            yield text
-            scenario()
+    def _driver_stages(self) -> Iterator[Stage]:
+        yield Stage("activate", "L2", lambda: self._transit(ACTIVATE))
+        yield Stage("steps and sines", "F1", self._characterise)
+        yield Stage("blocks of any length", "F4", self._play_in_pieces)
+        yield Stage("slow reader", "F3", self._read_slowly)
+        yield Stage("stop", "S2", self._stop_gently)
+        yield Stage("another run too soon", "S8", self._interrupt_by_another)
+        yield Stage("abandoned run", "S4", self._abandon)
+        yield Stage("voltage out of range", "V2", self._exceed_range)
+        yield Stage("voltage that is no number", "V3", self._send_nan)
+        yield Stage("missing voltage", "S6", self._send_gap)
+        yield Stage("silent generator", "S5", self._fall_silent)
+        yield Stage("deactivation with voltage on", "S7", self._deactivate_under_voltage)
+        yield Stage("missing reader", "F5", self._miss_a_reader)
+        yield Stage("clean-up and return", "L2", self._return_from_unconfigured)
+        yield Stage("end with voltage on", "S7", self._end_under_voltage)
+        yield Stage("shutdown", "L4", self._shut_down)
 
-    def _replay_scenarios(self) -> Iterator[str]:
+    def _replay_stages(self) -> Iterator[Stage]:
         self.findings.skips("L5 F4 V2 V3 S1 S2 S3 S4 S5 S6 S7 S8 S9", REPLAY_REASON)
-        for number, requirement in enumerate(("", "L6")):
-            yield "replay" if not number else "replay again"
-            self._probe.runs.clear()
-            self._transit(ACTIVATE)
-            record = self._await_replay(is_slow=number > 0)
-            findings = self.findings if not number else Findings()
-            check_streams(record, self._streams, findings)
-            check_flow(record, findings)
-            if not number:
-                self._check_signals(record)
-            else:
-                self._adopt(requirement, findings, f"{record.sent} samples again from index 0")
-                self._adopt("F3", findings, f"{record.sent} samples read after a pause")
-            self._transit(DEACTIVATE)
-        yield "missing reader"
-        self._activate_without_reader()
-        yield "clean-up and return"
+        yield Stage("replay", "D1", self._replay)
+        yield Stage("replay again", "L6", self._replay_again)
+        yield Stage("missing reader", "F5", self._activate_without_reader)
+        yield Stage("clean-up and return", "L2", self._return_unconfigured)
+        yield Stage("shutdown", "L4", self._shut_down)
+
+    # ---- replay --------------------------------------------------------------------------
+
+    def _replay(self) -> None:
+        self._transit(ACTIVATE)
+        record = self._await_replay()
+        check_streams(record, self._streams, self.findings)
+        check_flow(record, self.findings)
+        self._check_signals(record)
+        self._transit(DEACTIVATE)
+
+    def _replay_again(self) -> None:
+        self._probe.runs.clear()
+        self._transit(ACTIVATE)
+        time.sleep(0.5)  # a reader that does not read
+        record = self._await_replay()
+        findings = Findings()
+        check_streams(record, self._streams, findings)
+        check_flow(record, findings)
+        self._adopt("L6", findings, f"{record.sent} samples again from index 0")
+        self._adopt("F3", findings, f"{record.sent} samples read after 0.5 s")
+        self._transit(DEACTIVATE)
+
+    def _return_unconfigured(self) -> None:
         self._transit(CLEAN_UP)
         self._transit(CONFIGURE)
         self._transit(CLEAN_UP)
-        self.findings.passes("L2", "configured again after clean-up")
-        yield "shutdown"
-        self._shut_down()
 
     # ---- processes and lifecycle ---------------------------------------------------------
 
@@ -434,7 +459,7 @@ class DriverCheck:
         check_clock(signals, self._streams, self.findings)
 
     def _play_in_pieces(self) -> None:
-        """Another run in the same activation, in odd pieces; then one in many, unread."""
+        """Another run in the same activation, in odd pieces."""
         rate = self._parameters.sample_rate
         longest = round(10e-3 * rate)
         findings = Findings()
@@ -444,7 +469,6 @@ class DriverCheck:
         check_flow(record, findings)
         self._adopt("L5", findings, f"run {program.run_id} from index 0 to {record.consumed}")
         self._adopt("F4", findings, f"{record.sent} samples in blocks of 1, 7, 777 and {longest}")
-        self._read_slowly()
 
     def _read_slowly(self) -> None:
         findings = Findings()
@@ -698,7 +722,8 @@ class DriverCheck:
         """Activate with a reader missing: refused in time with a reason, or granted and played."""
         missing = topic_named(self._streams[0])
         self._probe.stop_reading(missing)
-        self._set_match_timeout(1.0)
+        patience = self._probe.get_parameters(self._nodes, _PATIENCE, self._deadlines.transition)
+        self._set_patience(dict.fromkeys(patience, 1.0))
         try:
             self._probe.change(self._nodes, ACTIVATE, self._deadlines.transition)
             states = self._states()
@@ -715,7 +740,11 @@ class DriverCheck:
         if active:
             self._probe.change(active, DEACTIVATE, self._deadlines.transition)
         self._probe.read(missing)
-        self._set_match_timeout(15.0)
+        self._set_patience(patience)
+
+    def _set_patience(self, seconds: Mapping[str, float]) -> None:
+        """Say how long nodes wait for their peers, those that have the parameter for it."""
+        self._probe.set_parameters(seconds, _PATIENCE, self._deadlines.transition)
 
     def _play_unread(self, missing: Topic) -> None:
         program = short_program(self._parameters, self._next_id("nobody"), 2e-3)
@@ -725,17 +754,7 @@ class DriverCheck:
         defects = [] if is_whole else [f"does not play without a reader of {missing.name}"]
         self.findings.judge("F5", defects, f"plays without a reader of {missing.name}")
 
-    def _set_match_timeout(self, seconds: float) -> None:
-        """Shorten the wait for peers where a node has the parameter that says how long it is."""
-        request = SetParameters.Request()
-        request.parameters = [Parameter("match_timeout", value=seconds).to_parameter_msg()]
-        self._probe.set_parameters(dict.fromkeys(self._nodes, request), self._deadlines.transition)
-
-    # ---- replay --------------------------------------------------------------------------
-
-    def _await_replay(self, *, is_slow: bool) -> RunRecord:
-        if is_slow:
-            time.sleep(0.5)  # a reader that does not read
+    def _await_replay(self) -> RunRecord:
         if not self._probe.waits_for(lambda: self._probe.runs, self._deadlines.stall):
             raise CheckAborted("no program came on drive/program")
         record = next(iter(self._probe.runs.values()))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle
 from typing import Any
@@ -12,12 +12,14 @@ import numpy as np
 from imotor_msgs.msg import StandState
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState, GetState
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.client import Client
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.task import Future
 
@@ -314,8 +316,24 @@ class DriverProbe:
         answers = self._call(ChangeState, "change_state", dict.fromkeys(nodes, request), timeout)
         return {node: bool(answer.success) for node, answer in answers.items()}
 
-    def set_parameters(self, requests: dict[str, Any], timeout: float) -> None:
-        """Ask nodes to set parameters; those who do not have them say no, and that is all."""
+    def get_parameters(self, nodes: Iterable[str], name: str, timeout: float) -> dict[str, float]:
+        """Return the value of a number among the parameters of nodes, of those who have it."""
+        request = GetParameters.Request(names=[name])
+        answers = self._call(
+            GetParameters, "get_parameters", dict.fromkeys(nodes, request), timeout
+        )
+        return {
+            node: float(answer.values[0].double_value)
+            for node, answer in answers.items()
+            if answer.values and answer.values[0].type == ParameterType.PARAMETER_DOUBLE
+        }
+
+    def set_parameters(self, values: Mapping[str, float], name: str, timeout: float) -> None:
+        """Set a number among the parameters of nodes; whoever refuses keeps what it has."""
+        requests = {}
+        for node, value in values.items():
+            parameter = Parameter(name, value=value).to_parameter_msg()
+            requests[node] = SetParameters.Request(parameters=[parameter])
         self._call(SetParameters, "set_parameters", requests, timeout)
 
     def _call(
