@@ -58,7 +58,7 @@ class Bench:
     """
     Generator and oscilloscopes.
 
-    One thread measures; `ramp_down` and `cancel` may come from another one.
+    One thread measures; `ramp_down` may come from another one.
 
     Parameters
     ----------
@@ -162,6 +162,7 @@ class Bench:
         voltage: NDArray[np.float64],
         plans: dict[int, RatePlan],
         is_stopped: threading.Event,
+        is_cancelled: threading.Event,
     ) -> Measurement:
         """
         Put out a voltage and return what all channels showed.
@@ -176,6 +177,8 @@ class Bench:
             As from `plan`.
         is_stopped : Event
             Set when the run is stopped: before the trigger 0 V are put out instead of the voltage.
+        is_cancelled : Event
+            Set when the measurement is of no interest any more.
 
         Raises
         ------
@@ -183,19 +186,21 @@ class Bench:
             If an instrument does not do what it is told; the output is off then as far as can be
             known.
         Cancelled
-            If `cancel` was called.
+            If `is_cancelled` was set.
 
         """
+        self._is_cancelled = is_cancelled
         try:
             return self._measure(program, voltage, plans, is_stopped)
         except InstrumentError as error:
             raise self._made_safe(error) from error
+        except Cancelled:
+            self._generator.make_safe()
+            raise
 
     def _made_safe(self, error: InstrumentError) -> InstrumentError:
-        """Bring the voltage to zero after an error; say so if that cannot be told."""
-        with suppress(InstrumentError):
-            self.ramp_down()
-        if not self.is_on:
+        """Switch off after an error; say so if that cannot be told."""
+        if self._generator.make_safe():
             return error
         more = "; whether the output is off is not known: the record itself ends at 0 V"
         return InstrumentError(error.instrument, error.command, error.what + more)
@@ -289,13 +294,8 @@ class Bench:
         self._stopped_at = at
         return True
 
-    def cancel(self) -> None:
-        """End the measurement as soon as the instruments let it."""
-        self._is_cancelled.set()
-
     def close(self) -> None:
         """Bring the voltage to zero and let go of all instruments."""
-        self._is_cancelled.set()
         self._generator.close()
         for scope in self._scopes.values():
             scope.close()

@@ -83,6 +83,11 @@ class Generator:
     settings : GeneratorSettings
         Ranges.
 
+    Attributes
+    ----------
+    is_enabled, is_on : bool
+        Whether the output may be switched on, and whether it may show more than 0 V.
+
     Notes
     -----
     Voltages are scaled about 0 V, which is a whole word: before the trigger and after the record
@@ -94,6 +99,7 @@ class Generator:
     ) -> None:
         self.instrument = instrument
         self.is_on = False
+        self.is_enabled = False
         self._dialect = dialect
         self._settings = settings
         self._lock = threading.Lock()
@@ -129,6 +135,7 @@ class Generator:
             upload = fill(self._dialect.upload, self._values)
             self.instrument.tell(upload, words.encode(record / full))
             self.instrument.check_errors(upload)
+            self.is_enabled = True
             self.instrument.tell_all(self._dialect.enable, self._values)
 
     def trigger(self, is_stopped: threading.Event) -> bool:
@@ -142,15 +149,20 @@ class Generator:
 
     def ramp_down(self) -> bool:
         """Bring the voltage to zero in steps of the amplitude, switch off; return if it was on."""
+        if not self.is_on:
+            return False  # an upload may hold the lock; after a stop there is no trigger
         with self._lock:
-            if not self.is_on:
-                return False
+            if self._is_off():
+                return False  # the record came to its end meanwhile
             try:
                 if self._dialect.amplitude:
                     self._step_down()
             finally:
                 self._disable()
             return True
+
+    def _is_off(self) -> bool:
+        return not self.is_on
 
     def _step_down(self) -> None:
         settings = self._settings
@@ -167,7 +179,7 @@ class Generator:
         """Switch the output off; it counts as on if that cannot be told."""
         for template in self._dialect.disable:
             self.instrument.tell(fill(template, self._values))
-        self.is_on = False
+        self.is_on = self.is_enabled = False
 
     def disable(self) -> None:
         """Switch the output off at once; at the end of a record that is 0 V already."""
@@ -175,13 +187,18 @@ class Generator:
             self._disable()
         self.instrument.check_errors("; ".join(self._dialect.disable))
 
-    def close(self) -> None:
-        """Bring the voltage to zero, switch off and let go, as far as the connection lets."""
+    def make_safe(self) -> bool:
+        """Bring the voltage to zero and switch off; return whether that could be told."""
         try:
             self.ramp_down()
             with self._lock:
-                self._disable()
+                if self.is_enabled:
+                    self._disable()
         except InstrumentError:
-            pass
-        finally:
-            self.instrument.close()
+            return False
+        return True
+
+    def close(self) -> None:
+        """Make safe and let go, as far as the connection lets."""
+        self.make_safe()
+        self.instrument.close()
