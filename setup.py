@@ -14,6 +14,7 @@ NODES = [
     "evaluator",
     "recorder",
     "player",
+    "template_driver",
     "scpi_bench",
 ]
 
