@@ -14,6 +14,7 @@ from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
 
+from imotor_ros.cli.option_names import in_words_of
 from imotor_ros.errors import BadInputError, ImotorError
 
 VERBS = {
@@ -119,7 +120,10 @@ def _dispatch(arguments: list[str]) -> int:
     module.add_arguments(parser)
     parser.add_argument("--json", action="store_true", help="print one JSON object, SI units")
     options = parser.parse_args(rest)
-    result: int = module.run(options)
+    try:
+        result: int = module.run(options)
+    except BadInputError as error:
+        raise in_words_of(parser, error) from error
     return result
 
 

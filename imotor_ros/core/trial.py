@@ -108,6 +108,8 @@ class Steps(Generic[T]):
     ------
     DriveLimitError
         If a limit is in the way of the next trial.
+    BadInputError
+        If what is asked for makes no sense, before the first trial.
     ExcitationError
         If the procedure cannot use what was measured.
 
@@ -139,6 +141,8 @@ class Steps(Generic[T]):
         except DriveLimitError:
             raise
         except BadInputError as error:
+            if recording is None:
+                raise
             # not the user's input is bad, but what was measured
             raise ExcitationError(str(error)) from error
 

@@ -121,7 +121,7 @@ def test_excitation_is_printed_as_in_table_1(
         (["--stroke", "25e-6"], r"needs a voltage of .* V, expected at most 120 V"),
         (["--offset", "110"], "at most 120 V"),
         (["--offset", "130"], "--offset: is out of the motor's range"),
-        (["--harmonics", "0"], "harmonics"),
+        (["--harmonics", "0"], "--harmonics: "),
         (["--motor", "missing.yaml"], "missing.yaml"),
     ],
 )
@@ -136,11 +136,48 @@ def test_excite_refuses(
 
 
 @pytest.mark.parametrize(
+    ("amplifier", "quantity"),
+    [
+        ("slew_rate: 2.0e+6", r"a slew rate of \S+ V/s, expected at most 2e\+06 V/s"),
+        ("current_limit: 3.0", r"a current of \S+ A, expected at most 3 A"),
+        (
+            "lowest_voltage: 0.0, highest_voltage: 80.0",
+            r"a voltage of \S+ V, .* 8?0 V",
+        ),
+    ],
+)
+def test_excite_refuses_what_the_amplifier_of_a_motor_cannot_do(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], amplifier: str, quantity: str
+) -> None:
+    """With the needed and the allowed value, and no result."""
+    motor, folder = tmp_path / "motor.yaml", tmp_path / "out"
+    motor.write_text(f"amplifier: {{{amplifier}}}\n", encoding="utf-8")
+    line = run_refused(
+        capsys, "excite", *SIM, "--motor", str(motor), "--harmonics", "2",
+        "--max-frequency", "18500", "--output", str(folder),
+    )  # fmt: skip
+    assert re.search(f"needs {quantity}", line)
+    assert not (folder / "excitation.json").exists()
+
+
+def test_excite_refuses_what_the_vibrometer_cannot_show(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stand = tmp_path / "stand.yaml"
+    stand.write_text("rod_vibrometer: {velocity_range: 0.025}\n", encoding="utf-8")
+    line = run_refused(
+        capsys, "excite", *SIM, "--stand", str(stand), "--harmonics", "2",
+        "--max-frequency", "18500", "--output", str(tmp_path / "out"),
+    )  # fmt: skip
+    assert "needs a velocity of 0.5886 m/s, expected at most 0.25 m/s" in line
+
+
+@pytest.mark.parametrize(
     ("arguments", "reason"),
     [
         (["--amplitude", "75"], "at most 70 V"),
-        (["--highest-frequency", "500"], "highest_frequency"),
-        (["--points", "1"], "points"),
+        (["--highest-frequency", "500"], "--highest-frequency: "),
+        (["--points", "1"], "--points: "),
     ],
 )
 def test_response_refuses(

@@ -117,16 +117,16 @@ def test_simulate_prints_scaled_units_and_reasons(imotor: Imotor) -> None:
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        (["--harmonics", 0], "harmonics: is out of bounds, got 0"),
-        (["--max-frequency", "nan"], "maximum_frequency: is out of bounds, got nan, expected > 0"),
-        (["--max-frequency", -1], "maximum_frequency: is out of bounds, got -1.0"),
-        (["--stroke", 0], "stroke: is out of bounds, got 0.0"),
+        (["--harmonics", 0], "--harmonics: is out of bounds, got 0"),
+        (["--max-frequency", "nan"], "--max-frequency: is out of bounds, got nan, expected > 0"),
+        (["--max-frequency", -1], "--max-frequency: is out of bounds, got -1.0"),
+        (["--stroke", 0], "--stroke: is out of bounds, got 0.0"),
         (["--periods", 3], "--periods: is out of bounds, got 3, expected 4 to 10000000"),
-        (["--load-stiffness", -1], "spring_stiffness: is out of bounds, got -1.0"),
-        (["--load-force", "inf"], "constant_force: is out of bounds, got inf"),
-        (["--sample-rate", 100], "sample_rate: is too low for the highest harmonic, got 100.0"),
-        (["--sample-rate", "nan"], "sample_rate: is out of bounds, got nan"),
-        (["--sample-rate", 0], "sample_rate: is out of bounds, got 0.0"),
+        (["--load-stiffness", -1], "--load-stiffness: is out of bounds, got -1.0"),
+        (["--load-force", "inf"], "--load-force: is out of bounds, got inf"),
+        (["--sample-rate", 100], "--sample-rate: is too low for the highest harmonic, got 100.0"),
+        (["--sample-rate", "nan"], "--sample-rate: is out of bounds, got nan"),
+        (["--sample-rate", 0], "--sample-rate: is out of bounds, got 0.0"),
     ],
 )
 def test_simulate_refuses_what_it_cannot_do(imotor: Imotor, options: list[Any], text: str) -> None:
