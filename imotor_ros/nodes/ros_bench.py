@@ -236,6 +236,8 @@ class RosBench:
 
     def _abandon(self, plan: RunPlan) -> None:
         """Stop the nodes, which close the bag; mend it if the recorder could not."""
+        if self._stand is not None:
+            self._stand.stop_driver()
         self._stop_nodes()
         if plan.bag_path.exists():
             try:

@@ -10,6 +10,7 @@ from types import FrameType, TracebackType
 from typing import Any, Self
 
 from imotor_ros.contracts.graph import Role
+from imotor_ros.contracts.topics import VOLTAGE_MONITOR
 from imotor_ros.core.parameters import Parameters
 from imotor_ros.nodes.namespace_claim import NamespaceClaim
 from imotor_ros.nodes.process import NodeProcess, find_executable, stop_processes
@@ -152,6 +153,11 @@ class StandProcesses:
     def deactivate(self, names: Iterable[str] | None = None) -> None:
         """Deactivate all nodes, or some, so that they take parameters for another run."""
         self.client.change_state(names or self.names, DEACTIVATE, START_TIMEOUT)
+
+    def stop_driver(self) -> None:
+        """Stop what puts out the voltage first, while the others hear how it goes to zero."""
+        names = (role.name for role in self.roles if VOLTAGE_MONITOR in role.publishes)
+        stop_processes([self.processes[name] for name in names], STOP_TIMEOUT)
 
     def stop(self) -> None:
         """Stop all nodes; those that do not listen are killed."""

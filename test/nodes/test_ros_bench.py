@@ -119,5 +119,8 @@ def test_killed_node_ends_run(
     with RunBag(plan.bag_path) as bag:
         assert bag.end_state.startswith(("aborted", "recovered"))
         samples, _, first_index = bag.samples("rod/velocity")
+        monitor, _, _ = bag.samples("drive/voltage_monitor")
     assert first_index == 0
+    if victim not in ("plant", "recorder"):
+        assert abs(monitor[-100:].mean()) < 0.1, "the voltage went to zero"
     assert len(samples) >= 10_000
