@@ -1,0 +1,123 @@
+"""
+The check of drivers, on the drivers of this repository: each passes all that applies to it.
+
+Drivers that are wrong are in test_conformance.py as records, and as nodes in the mutants' tests.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+
+from imotor_ros.campaign.conformance.programs import CheckParameters
+from imotor_ros.campaign.conformance.requirements import Result, Verdict, conclude
+from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.cli.main import main
+from imotor_ros.nodes.driver_session import driver_check
+from imotor_ros.nodes.process import find_executable
+
+Check = Callable[..., dict[str, Result]]
+
+
+@pytest.fixture
+def check(namespace: str, tmp_path: Path) -> Check:
+    """Return a function that checks a driver, and gives the results by requirement."""
+
+    def run(driver: str, *, lives: int = 1, **parameters: Any) -> dict[str, Result]:
+        path = None
+        if parameters:
+            path = tmp_path / "parameters.yaml"
+            path.write_text(json.dumps({"/**": {"ros__parameters": parameters}}), "utf-8")
+        with driver_check(
+            driver, CheckParameters(), namespace=namespace, log_directory=tmp_path / "logs",
+            parameter_file=path, lives=lives,
+        ) as made:  # fmt: skip
+            for _ in made.run():
+                pass
+        return {one.requirement.id: one for one in conclude(made.findings, made.unreached)}
+
+    return run
+
+
+def verdicts(results: dict[str, Result], verdict: Verdict) -> dict[str, str]:
+    """Return the evidence of all requirements with a verdict."""
+    return {name: one.evidence for name, one in results.items() if one.verdict is verdict}
+
+
+def test_virtual_stand_passes(check: Check) -> None:
+    results = check("virtual")
+    assert verdicts(results, Verdict.FAIL) == {}
+    assert verdicts(results, Verdict.NOT_APPLICABLE) == {
+        "L4": "the driver was to be started once only",
+        "S3": "the driver plays block by block: see S2",
+    }
+
+
+def test_player_passes_what_applies_to_a_recorded_run(check: Check, recorded: RunPlan) -> None:
+    results = check("player", path=str(recorded.bag_path.absolute()))
+    assert verdicts(results, Verdict.FAIL) == {}
+    passed = " ".join(verdicts(results, Verdict.PASS))
+    assert passed == "I1 I2 I3 L1 L2 L3 L4 L6 C1 C2 C3 D1 D2 D3 D4 D5 F1 F2 F3 F5 V1 A1"
+    assert "recorded run" in results["S5"].evidence
+
+
+def _has(executable: str) -> bool:
+    try:
+        find_executable(executable)
+    except ValueError:
+        return False
+    return True
+
+
+@pytest.mark.skipif(not _has("template_driver"), reason="the template is not installed")
+def test_template_passes(check: Check) -> None:
+    results = check("template_driver", lives=2)
+    assert verdicts(results, Verdict.FAIL) == {}
+    assert list(verdicts(results, Verdict.NOT_APPLICABLE)) == ["S3"]
+
+
+def test_program_that_is_no_driver_fails_by_how_it_ended(
+    namespace: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    junit = tmp_path / "report.xml"
+    arguments = ["/bin/false", "--namespace", namespace, "--json", "--junit", str(junit)]
+    assert main(["check-driver", *arguments]) == 1
+    content = json.loads(capsys.readouterr().out)
+    assert (content["driver"], content["passed"]) == ("/bin/false", False)
+    failed = {one["id"]: one for one in content["requirements"] if one["verdict"] == "fail"}
+    assert list(failed) == ["L1"]
+    assert "node driver ended during the run (exit code 1)" in failed["L1"]["evidence"]
+    suite = ElementTree.parse(junit).getroot().find("testsuite")
+    assert suite is not None
+    assert suite.get("failures") == "1"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ([], "needs either a driver or --running"),
+        (["virtual", "--running"], "needs either a driver or --running"),
+        (["--running", "--params", "x.yaml"], "--params: is for a driver that is started"),
+        (["--running"], "holds no node with a lifecycle"),
+        (["nothere"], "package imotor_ros: no such executable, got 'nothere'"),
+        (["no_package/driver"], "package no_package: is not installed"),
+        (["./setup.cfg"], "driver: cannot be executed, got './setup.cfg'"),
+        (["virtual", "--params", "x.yaml"], "--params: no such file, got 'x.yaml'"),
+        (["virtual", "--junit", "nowhere/x.xml"], "--junit: no such folder, got 'nowhere'"),
+        (["virtual", "--voltage-range", "0", "40"], "reaches beyond the range, got 54.0"),
+        (["virtual", "--without", "rod"], "argument --without: invalid choice: 'rod'"),
+    ],
+)
+def test_bad_input_is_refused(
+    namespace: str, arguments: list[str], text: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["check-driver", *arguments, "--namespace", namespace]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert text in err
+    assert len(err.splitlines()) == 1
