@@ -1,30 +1,38 @@
 """
-Predict how much force a motor generates: against springs, and under constant loads.
+How much force a motor generates: against springs, under constant loads, against an end stop.
 
 The sweep over the stiffness of a load spring gives the plateau of the force and the critical
 stiffness, at which it is 5 % lower (figure 11); constant loads from none to the stall force give
-the velocity-force characteristic. Motor model without instruments, from rest, in continuous time.
+the velocity-force characteristic. With --bench it is measured, by a run for each spring and load,
+beside what both friction models predict; without, it is the model alone, without instruments,
+from rest, in continuous time.
 """
 
 from __future__ import annotations
 
 import argparse
-import math
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, cast
 
-from imotor_ros.cli.output import format_value, print_json, table
+from imotor_ros.campaign.point import SignalParameters
+from imotor_ros.cli.force_measurement import (
+    add_measurement_arguments,
+    measure_force,
+    plain_estimate,
+    refuse_measurement_options,
+    words,
+)
+from imotor_ros.cli.output import print_json, table
 from imotor_ros.core.force_potential import (
     STIFFNESSES,
-    Estimate,
     SpringSweep,
     VelocityForceCurve,
     sweep_springs,
     velocity_force_curve,
 )
 from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
-from imotor_ros.core.signals import parabolic_sawtooth
 from imotor_ros.core.slider import SliderParameters
 from imotor_ros.errors import BadInputError
 
@@ -34,27 +42,38 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--harmonics", type=int, required=True, metavar="N", help="number of harmonics")
     add("--max-frequency", type=float, required=True, metavar="HZ", help="of the highest harmonic")
-    add("--friction", choices=tuple(FRICTION_LAWS), required=True, help="friction law")
+    add("--friction", choices=tuple(FRICTION_LAWS), help="friction law of the model alone")
     add("--stroke", type=float, default=15e-6, metavar="M", help="peak to peak (m), default 15e-6")
     add(
         "--stiffnesses",
         metavar="K,K,...",
-        help="of the load spring (N/m), by default 25 from 1e2 to 1e8",
+        help="of the load spring (N/m), default 1e2 to 1e8, or 3e2 to 1e6 to measure",
     )
-    add("--points", type=int, default=11, metavar="P", help="constant loads, default 11")
+    add("--points", type=int, metavar="P", help="constant loads, default 11, or 6 to measure")
     add("--picture", type=Path, metavar="FILE", help="draw both curves; the ending is the format")
+    add_measurement_arguments(parser)
 
 
 def run(options: argparse.Namespace) -> int:
     """Print sweep and characteristic."""
     stiffnesses = _stiffnesses(options.stiffnesses)
-    motion = parabolic_sawtooth(
-        options.harmonics, options.stroke, maximum_frequency=options.max_frequency
+    signal = SignalParameters(
+        harmonics=options.harmonics, maximum_frequency=options.max_frequency, stroke=options.stroke
     )
+    if options.bench is not None:
+        if options.friction is not None:
+            raise BadInputError("stands beside --bench", where="--friction", value=options.friction)
+        return measure_force(options, signal, stiffnesses)
+    refuse_measurement_options(options)
+    if options.friction is None:
+        raise BadInputError(
+            "is missing", where="--friction", bound="a law, or --bench to measure the force"
+        )
     slider = SliderParameters()
     friction = cast("FrictionLaw", FRICTION_LAWS[options.friction]())
-    sweep = sweep_springs(motion, slider, friction, stiffnesses)
-    curve = velocity_force_curve(motion, slider, friction, options.points)
+    points = 11 if options.points is None else options.points
+    sweep = sweep_springs(signal.motion, slider, friction, stiffnesses or STIFFNESSES)
+    curve = velocity_force_curve(signal.motion, slider, friction, points)
     if options.picture is not None:
         draw(sweep, curve, options.picture)
     if options.json:
@@ -64,9 +83,9 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def _stiffnesses(text: str | None) -> tuple[float, ...]:
+def _stiffnesses(text: str | None) -> Sequence[float] | None:
     if text is None:
-        return STIFFNESSES
+        return None
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError as error:
@@ -85,20 +104,15 @@ def _mapping(
         "friction": options.friction,
         "stroke": options.stroke,
         "springs": [asdict(one) for one in sweep.forces],
-        "plateau": _plain(sweep.plateau),
-        "critical_stiffness": _plain(sweep.critical_stiffness),
+        "plateau": plain_estimate(sweep.plateau),
+        "critical_stiffness": plain_estimate(sweep.critical_stiffness),
         "characteristic": [
             {"load_force": force, "mean_velocity": velocity, "is_steady": steady}
             for force, velocity, steady in loads
         ],
-        "stall_force": _plain(curve.stall_force),
+        "stall_force": plain_estimate(curve.stall_force),
         "picture": None if options.picture is None else str(options.picture),
     }
-
-
-def _plain(estimate: Estimate) -> dict[str, Any]:
-    """Return an estimate for JSON, which has no NaN."""
-    return {k: None if v != v else v for k, v in asdict(estimate).items()}
 
 
 def _print(sweep: SpringSweep, curve: VelocityForceCurve) -> None:
@@ -107,20 +121,14 @@ def _print(sweep: SpringSweep, curve: VelocityForceCurve) -> None:
         for one in sweep.forces
     ]
     print(table(rows, ["stiffness (N/mm)", "force (N)", ""]))
-    print(f"plateau: {_words(sweep.plateau, 1.0, 'N')}")
-    print(f"critical stiffness: {_words(sweep.critical_stiffness, 1e-3, 'N/mm')}\n")
+    print(f"plateau: {words(sweep.plateau, 1.0, 'N')}")
+    print(f"critical stiffness: {words(sweep.critical_stiffness, 1e-3, 'N/mm')}\n")
     rows = [
         [f"{force:.4f}", f"{velocity * 1e3:.3f}"]
         for force, velocity in zip(curve.load_force, curve.mean_velocity, strict=True)
     ]
     print(table(rows, ["constant load (N)", "velocity (mm/s)"]))
-    print(f"stall force: {_words(curve.stall_force, 1.0, 'N')}")
-
-
-def _words(estimate: Estimate, factor: float, unit: str) -> str:
-    if math.isnan(estimate.value):
-        return estimate.reason
-    return f"{format_value(estimate.value * factor, estimate.uncertainty * factor)} {unit}"
+    print(f"stall force: {words(curve.stall_force, 1.0, 'N')}")
 
 
 def draw(sweep: SpringSweep, curve: VelocityForceCurve, path: Path) -> None:

@@ -9,7 +9,7 @@ falls from that of the free run to zero at the stall force.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,6 +30,7 @@ DROP = 0.05
 _FEWEST_PERIODS = 500
 _MOST_PERIODS = 32_000
 _FLATNESS = 0.01
+_MEASURED_FLATNESS = 0.03
 _FEWEST_ON_PLATEAU = 3
 _REFINEMENTS = 24
 _BISECTIONS = 30
@@ -112,7 +113,12 @@ class VelocityForceCurve:
 
 
 def spring_force(
-    motion: HarmonicMotion, slider: SliderParameters, friction: FrictionLaw, stiffness: float
+    motion: HarmonicMotion,
+    slider: SliderParameters,
+    friction: FrictionLaw,
+    stiffness: float,
+    *,
+    pushes_only: bool = False,
 ) -> SpringForce:
     """
     Return the steady mean force of a slider that starts from rest at a relaxed spring.
@@ -122,7 +128,9 @@ def spring_force(
     motion, slider, friction
         The motor.
     stiffness : float
-        Of the spring (N/m), which pulls as well as it pushes.
+        Of the spring (N/m).
+    pushes_only : bool
+        Whether the slider may leave it, as it may leave an end stop; otherwise it pulls as well.
 
     Raises
     ------
@@ -133,6 +141,10 @@ def spring_force(
     if not (math.isfinite(stiffness) and stiffness > 0.0):
         raise BadInputError("is out of bounds", where="stiffness", value=stiffness, bound="> 0 N/m")
     load = LoadParameters.free().replace(spring_stiffness=float(stiffness))
+    if pushes_only:
+        load = LoadParameters(
+            upper_stop=0.0, lower_stop=-1.0, stop_stiffness=float(stiffness), stop_damping=0.0
+        )
     periods = _FEWEST_PERIODS
     while True:
         found = predict(motion, slider, friction, load, periods)
@@ -147,6 +159,8 @@ def sweep_springs(
     slider: SliderParameters,
     friction: FrictionLaw,
     stiffnesses: ArrayLike = STIFFNESSES,
+    *,
+    pushes_only: bool = False,
 ) -> SpringSweep:
     """
     Return the mean spring force over stiffness, its plateau, and where that ends.
@@ -157,6 +171,8 @@ def sweep_springs(
         The motor.
     stiffnesses : array_like, shape (n,)
         Stiffnesses (N/m), the lowest of which should be on the plateau.
+    pushes_only : bool
+        See `spring_force`.
 
     Raises
     ------
@@ -176,31 +192,82 @@ def sweep_springs(
     values = np.unique(np.atleast_1d(np.asarray(stiffnesses, dtype=np.float64)))
     if values.size == 0:
         raise BadInputError("is empty", where="stiffnesses")
-    forces = [spring_force(motion, slider, friction, float(k)) for k in values]
+
+    def force_on(stiffness: float) -> SpringForce:
+        return spring_force(motion, slider, friction, stiffness, pushes_only=pushes_only)
+
+    forces = [force_on(float(k)) for k in values]
     plateau = find_plateau(forces)
-    critical = _critical_stiffness(motion, slider, friction, forces, plateau)
+    critical = _critical_stiffness(force_on, forces, plateau)
     return SpringSweep(tuple(forces), plateau, critical)
 
 
-def find_plateau(forces: Sequence[SpringForce]) -> Estimate:
+def find_plateau(forces: Sequence[SpringForce], flatness: float = _FLATNESS) -> Estimate:
     """Return the force on the softest springs, given by rising stiffness; see `sweep_springs`."""
     flat: list[float] = []
     for one in forces:
         if not one.is_steady:
             continue
         longer = [*flat, one.force]
-        if max(longer) - min(longer) > _FLATNESS * abs(float(np.mean(longer))):
+        if max(longer) - min(longer) > flatness * abs(float(np.mean(longer))):
             break
         flat = longer
     if len(flat) < _FEWEST_ON_PLATEAU:
-        return Estimate(reason="the forces on the softest springs do not agree within 1 %")
+        return Estimate(
+            reason=f"the forces on the softest springs do not agree within {flatness:.0%}"
+        )
     return Estimate(float(np.median(flat)), 0.5 * (max(flat) - min(flat)))
 
 
+@dataclass(frozen=True)
+class MeasuredForce:
+    """The mean force (N) that was measured on a spring of a stiffness (N/m)."""
+
+    stiffness: float
+    force: Estimate
+
+
+def evaluate_measured(forces: Sequence[MeasuredForce]) -> tuple[Estimate, Estimate]:
+    """
+    Return plateau (N) and critical stiffness (N/m) of forces that were measured.
+
+    Parameters
+    ----------
+    forces : sequence of MeasuredForce
+        By rising stiffness; those without a value count as not measured.
+
+    Notes
+    -----
+    The plateau is the median of the softest springs as far as their forces agree to 3 %, with
+    half their range and the median of their own uncertainties. The critical stiffness is
+    interpolated, over the logarithm, between the first two stiffnesses that enclose it. The
+    force's calibration, common to all, is in its uncertainty although it cancels.
+
+    """
+    found = [one for one in forces if not one.force.reason]
+    plain = [SpringForce(one.stiffness, one.force.value, True, 0) for one in found]
+    plateau = find_plateau(plain, _MEASURED_FLATNESS)
+    if plateau.reason:
+        return plateau, Estimate(reason=f"there is no plateau: {plateau.reason}")
+    own = float(np.median([one.force.uncertainty for one in found]))
+    plateau = Estimate(plateau.value, math.hypot(plateau.uncertainty, own))
+    limit = (1.0 - DROP) * plateau.value
+    below = next((i for i, one in enumerate(found) if one.force.value < limit), 0)
+    if below == 0:
+        return plateau, Estimate(
+            reason=f"up to {found[-1].stiffness:.3g} N/m no force is {DROP:.0%} below the plateau"
+        )
+    low, high = found[below - 1], found[below]
+    drop, width = low.force.value - high.force.value, math.log(high.stiffness / low.stiffness)
+    share = (low.force.value - limit) / drop
+    doubt = math.hypot(high.force.uncertainty, (1.0 - DROP) * plateau.uncertainty) / drop
+    value = low.stiffness * math.exp(share * width)
+    # where between the two it lies is as uncertain as the forces, and as the curve is unknown
+    return plateau, Estimate(value, value * width * min(math.hypot(doubt, 12.0**-0.5), 1.0))
+
+
 def _critical_stiffness(
-    motion: HarmonicMotion,
-    slider: SliderParameters,
-    friction: FrictionLaw,
+    force_on: Callable[[float], SpringForce],
     forces: Sequence[SpringForce],
     plateau: Estimate,
 ) -> Estimate:
@@ -216,7 +283,7 @@ def _critical_stiffness(
     low, high = forces[below - 1], forces[below]
     slope = (high.force - low.force) / (high.stiffness - low.stiffness)
     for _ in range(_REFINEMENTS):
-        middle = spring_force(motion, slider, friction, math.sqrt(low.stiffness * high.stiffness))
+        middle = force_on(math.sqrt(low.stiffness * high.stiffness))
         if middle.force < limit:
             high = middle
         else:
