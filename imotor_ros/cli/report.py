@@ -1,5 +1,5 @@
 """
-Write the report of a campaign: report.html and indicators.csv beside its results.json.
+Write the report of a campaign beside its results.json: report.html, and the indicators as tables.
 
 `imotor run` does this at its end; this verb does it again, from results and bags.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from imotor_ros.cli.campaign_report import TABLE_NAME, write_report
+from imotor_ros.cli.campaign_report import PARQUET_NAME, TABLE_NAME, write_report
 from imotor_ros.cli.output import print_json
 
 
@@ -21,9 +21,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(options: argparse.Namespace) -> int:
     """Write the report and say where it is."""
     report = write_report(options.folder)
-    table = options.folder / TABLE_NAME
+    table, parquet = (options.folder / name for name in (TABLE_NAME, PARQUET_NAME))
     if options.json:
-        print_json({"report": str(report), "table": str(table)})
+        print_json({"report": str(report), "table": str(table), "parquet": str(parquet)})
     else:
-        print(f"report: {report}\ntable: {table}")
+        print(f"report: {report}\ntable: {table}\nparquet: {parquet}")
     return 0

@@ -4,7 +4,8 @@ import csv
 import json
 import re
 import shutil
-import subprocess
+import sys
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -13,10 +14,21 @@ import pytest
 from imotor_ros.campaign.campaign import campaign_from_mapping
 from imotor_ros.campaign.runner import run_campaign
 from imotor_ros.campaign.sim_bench import SimBench
-from imotor_ros.cli.campaign_report import REPORT_NAME, TABLE_NAME, write_report
+from imotor_ros.cli.campaign_report import (
+    PARQUET_NAME,
+    REPORT_NAME,
+    TABLE_NAME,
+    write_report,
+)
 from imotor_ros.cli.main import main
 
-BROWSER = shutil.which("chromium") or shutil.which("google-chrome")
+sys.path.insert(0, str(Path(__file__).parent))
+from browser import CHROMIUM, Browser
+
+with_browser = pytest.mark.skipif(
+    CHROMIUM is None,
+    reason="needs Chromium, e.g. the Debian package chromium, which .ci/run installs",
+)
 
 
 @pytest.fixture(scope="module")
@@ -100,18 +112,121 @@ def test_verb_refuses_a_folder_without_results(
     assert "results.json" in capsys.readouterr().err
 
 
-@pytest.mark.skipif(BROWSER is None, reason="needs Chromium")
-@pytest.mark.parametrize("width", [390, 1280])
-def test_browser_draws_every_visible_plot(output: Path, width: int) -> None:
-    done = subprocess.run(
-        [
-            str(BROWSER), "--headless", "--no-sandbox", "--disable-gpu", "--dump-dom",
-            f"--window-size={width},900",
-            (output / REPORT_NAME).as_uri(),
-        ],
-        capture_output=True, text=True, timeout=60, check=True,
-    )  # fmt: skip
-    dom = done.stdout
-    assert dom.count("<svg") >= 4
-    assert 'class="line' in dom
-    assert "NaN" not in dom
+def test_parquet_holds_the_same_table(output: Path) -> None:
+    content = (output / PARQUET_NAME).read_bytes()
+    assert (content[:4], content[-4:]) == (b"PAR1", b"PAR1")
+    with (output / TABLE_NAME).open(encoding="utf-8", newline="") as file:
+        for row in csv.DictReader(file):
+            assert row["indicator"].encode() in content
+            assert row["reason"].encode() in content
+
+
+# ---- in a browser --------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def desktop(output: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("desktop"), 1280, 900) as browser:
+        browser.open(output / REPORT_NAME)
+        yield browser
+        assert browser.errors == []
+
+
+@pytest.fixture(scope="module")
+def phone(output: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    with Browser(tmp_path_factory.mktemp("phone"), 390, 844, is_phone=True) as browser:
+        browser.open(output / REPORT_NAME)
+        yield browser
+        assert browser.errors == []
+
+
+SHOWN = "plots[0].shown || plots[0].whole"
+
+
+def place_of_plot(browser: Browser) -> tuple[float, float, float]:
+    """Bring the first plot into view, unzoomed; return left, width and middle height in pixels."""
+    box = browser.run(
+        "(plots[0].show(null), plots[0].host.scrollIntoView({block: 'center'}), "
+        "document.activeElement.blur(), plots[0].host.getBoundingClientRect().toJSON())"
+    )
+    browser.settle()
+    return box["left"], box["width"], box["top"] + box["height"] / 2
+
+
+def test_scripts_of_the_tests_name_what_the_page_has(page: str) -> None:
+    assert "const plots = " in page
+
+
+@with_browser
+def test_every_plot_in_view_is_drawn(desktop: Browser) -> None:
+    count = desktop.run(
+        "[...document.querySelectorAll('[data-figure]')].filter((one) => one.clientWidth).length"
+    )
+    assert count >= 4
+    assert desktop.run("document.querySelectorAll('[data-figure] > svg').length") == count
+    assert "NaN" not in desktop.run("document.body.innerHTML")
+
+
+@with_browser
+def test_drag_zooms_in_and_double_click_out(desktop: Browser) -> None:
+    left, width, middle = place_of_plot(desktop)
+    low, high = desktop.run(SHOWN)
+    desktop.drag((left + 0.4 * width, middle), (left + 0.7 * width, middle))
+    near, far = desktop.run(SHOWN)
+    assert low < near < far < high
+    assert (far - near) / (high - low) < 0.5
+    assert not desktop.run("plots[0].button.hidden")
+    desktop.run("plots[0].button.click()")
+    assert desktop.run(SHOWN) == [low, high]
+
+
+@with_browser
+def test_wheel_zooms_a_plot_that_was_clicked_and_moves_the_page_else(desktop: Browser) -> None:
+    left, width, middle = place_of_plot(desktop)
+    at = (left + 0.5 * width, middle)
+    whole = desktop.run(SHOWN)
+    desktop.mouse("mouseWheel", *at, deltaX=0, deltaY=-100)
+    desktop.settle()
+    assert desktop.run(SHOWN) == whole, "a wheel that passes over it is for the page"
+    left, width, middle = place_of_plot(desktop)
+    desktop.run("plots[0].host.focus()")
+    desktop.mouse("mouseWheel", left + 0.5 * width, middle, deltaX=0, deltaY=-100)
+    desktop.settle()
+    near, far = desktop.run(SHOWN)
+    assert whole[0] < near < far < whole[1]
+    desktop.call("Input.dispatchKeyEvent", type="keyDown", key="0", text="0")
+    assert desktop.run(SHOWN) == whole
+
+
+@with_browser
+def test_pinch_keeps_what_is_under_the_fingers(phone: Browser) -> None:
+    left, width, middle = place_of_plot(phone)
+    low, high = phone.run(SHOWN)
+    first, second = left + 0.4 * width, left + 0.6 * width
+    places = [phone.run(f"plots[0].back({x - left})") for x in (first, second)]
+    phone.touch("touchStart", (first, middle), (second, middle))
+    phone.touch("touchMove", (first - 30, middle), (second + 30, middle))
+    phone.touch("touchEnd")
+    phone.settle()
+    near, far = phone.run(SHOWN)
+    assert low < near < far < high
+    for x, place in zip((first - 30, second + 30), places, strict=True):
+        # a pixel of a plot of three hundred
+        assert phone.run(f"plots[0].back({x - left})") == pytest.approx(
+            place, abs=(high - low) / 300
+        )
+
+
+@with_browser
+def test_phone_scrolls_only_downwards(phone: Browser) -> None:
+    assert phone.run("document.documentElement.scrollWidth") == 390
+    assert phone.run("getComputedStyle(document.querySelector('.scroll')).overflowX") == "auto"
+
+
+@with_browser
+def test_prints_all_runs(desktop: Browser, tmp_path: Path) -> None:
+    desktop.paper(tmp_path / "report.pdf")
+    content = (tmp_path / "report.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert content.count(b"/Type /Page\n") + content.count(b"/Type/Page/") >= 2
+    assert desktop.run("[...document.querySelectorAll('details.point')].every((d) => d.open)")

@@ -1,4 +1,4 @@
-"""The report of a campaign: one HTML file that needs nothing else, and a table as CSV."""
+"""The report of a campaign: one HTML file that needs nothing else, and tables for programs."""
 
 from __future__ import annotations
 
@@ -6,15 +6,17 @@ from pathlib import Path
 
 from imotor_ros.cli.campaign_report.content import collect
 from imotor_ros.cli.campaign_report.page import html_page
-from imotor_ros.cli.campaign_report.table import indicator_rows, write_csv
+from imotor_ros.cli.campaign_report.table import indicator_rows
+from imotor_ros.cli.tables import write_table
 
 REPORT_NAME = "report.html"
 TABLE_NAME = "indicators.csv"
+PARQUET_NAME = "indicators.parquet"
 
 
 def write_report(output: Path) -> Path:
     """
-    Write report and table of a campaign beside its results.
+    Write report and tables of a campaign beside its results.
 
     Parameters
     ----------
@@ -34,7 +36,9 @@ def write_report(output: Path) -> Path:
 
     """
     content = collect(output)
-    write_csv(indicator_rows(content.results), output / TABLE_NAME)
+    rows = indicator_rows(content.results)
+    for name in (TABLE_NAME, PARQUET_NAME):
+        write_table(rows, output / name)
     path = output / REPORT_NAME
     path.write_text(html_page(content), encoding="utf-8")
     return path

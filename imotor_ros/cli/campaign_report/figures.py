@@ -104,6 +104,30 @@ def _series(
     }
 
 
+def friction_figure(identification: Mapping[str, Any]) -> Figure:
+    """Return the figure of an identification run: force over relative speed, and both laws."""
+    curve, models = identification["curve"], identification["models"]
+    series: list[dict[str, Any]] = []
+    for wanted, name, tone in ((False, "not fitted", "grey"), (True, "fitted", "1")):
+        rows = zip(curve["speed"], curve["force"], curve["is_fitted"], strict=True)
+        chosen = [(1e3 * speed, force) for speed, force, fitted in rows if fitted is wanted]
+        line = _series(name, tone, chosen, 1.0)
+        series.append({**line, "kind": "points", "error": [0.0] * len(chosen)})
+    speeds = [0.0, max(curve["speed"])]
+    for (model, title, kind), tone in zip(MODELS, ("2", "3"), strict=True):
+        law = models[model]
+        forces = [law["sliding_force"] + law.get("slope", 0.0) * speed for speed in speeds]
+        values = list(zip([1e3 * one for one in speeds], forces, strict=True))
+        series.append({**_series(title, tone, values, 1.0), "kind": kind})
+    return {
+        "title": "dynamic friction force: fitted steps (blue), model 1 (dashed), model 2",
+        "horizontal": "mean relative speed (mm/s)",
+        "vertical": "N",
+        "points": True,
+        "series": series,
+    }
+
+
 def waveform_figures(waveforms: Waveforms) -> list[Figure]:
     """Return the figures of one run: some periods, and what was measured over the whole run."""
     periods = waveforms.periods

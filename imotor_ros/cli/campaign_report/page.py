@@ -14,6 +14,7 @@ from imotor_ros.cli.campaign_report.content import ReportContent, Waveforms
 from imotor_ros.cli.campaign_report.figures import (
     Figure,
     comparison_figures,
+    friction_figure,
     is_grid,
     tone_of,
     waveform_figures,
@@ -24,7 +25,10 @@ from imotor_ros.core.channel import SampleFlag
 Mapped = Mapping[str, Any]
 
 _CLASSES = {HOLDS: "holds", FAILS: "fails"}
-_HINT = "Drag across a plot to zoom in, double-click or double-tap to zoom out."
+_HINT = (
+    "Plots zoom: drag across a part or pinch; after a click also by wheel, + and -. A double-click "
+    "shows the whole again."
+)
 
 
 def html_page(content: ReportContent) -> str:
@@ -44,6 +48,7 @@ def html_page(content: ReportContent) -> str:
             _head(results),
             _conclusions(results.get("conclusions") or []),
             _comparison(results, figures),
+            _friction(results, figures),
             _indicator_table(results),
             _points(content, figures),
             _provenance(content),
@@ -118,12 +123,71 @@ def _comparison(results: Mapped, figures: list[Figure]) -> str:
     return f'<h2>{title}</h2>\n{legend}\n<div class="grid-of-plots">\n{panels}\n</div>'
 
 
+_MODEL_LAWS = {"model_1": "model 1, constant force", "model_2": "model 2, straight line"}
+_PARAMETERS = {"sliding_force": ("force", "N"), "slope": ("slope", "N s/m")}
+
+
+def _friction(results: Mapped, figures: list[Figure]) -> str:
+    """Return whose friction the models have."""
+    found = results.get("identifications") or []
+    if not found:
+        laws = (results.get("models") or {}).get("laws") or {}
+        rows = "".join(_law_row(_MODEL_LAWS.get(k, k), law, {}) for k, law in laws.items())
+        text = "The models have the friction that the paper identified."
+        return _friction_table(text, rows) if laws else ""
+    parts = []
+    for one in found:
+        if one["status"] != DONE:
+            note = f"{one['name']} failed: {one['error']}; its points have no models."
+            parts.append(f'<h2>Friction of the models</h2><p class="note">{escape(note)}</p>')
+            continue
+        laws, estimates = one["models"], one["estimates"]
+        rows = "".join(
+            _law_row(_MODEL_LAWS.get(k, k), law, estimates[k]) for k, law in laws.items()
+        )
+        text = (
+            f"Identified by the run {one['run_id']}: sine of {one['frequency']:g} Hz, "
+            f"{one['fitted']} of {one['steps']} steps fitted, {one['mass'] * 1e3:g} g. In brackets "
+            "the 95 % interval of noise and misfit; calibration adds the standard uncertainty "
+            "beside."
+        )
+        plots = "\n".join(_plots([friction_figure(one)], figures))
+        parts.append(_friction_table(text, rows) + f'\n<div class="one-plot">\n{plots}\n</div>')
+    return "\n".join(parts)
+
+
+def _friction_table(text: str, rows: str) -> str:
+    head = "<tr><th>law</th><th>parameter</th><th>value</th><th>calibration</th></tr>"
+    return (
+        f'<h2>Friction of the models</h2>\n<p class="soft">{escape(text)}</p>\n'
+        f'<div class="scroll"><table>{head}{rows}</table></div>'
+    )
+
+
+def _law_row(title: str, law: Mapped, estimates: Mapped) -> str:
+    rows = []
+    for name, (word, unit) in _PARAMETERS.items():
+        if name not in law:
+            continue
+        value, one = f"{law[name]:.4g} {unit}", estimates.get(name)
+        calibration = ""
+        if one:
+            value = f"{one['value']:.4f} [{one['low']:.4f}, {one['high']:.4f}] {unit}"
+            if one.get("calibration"):
+                calibration = f"± {one['calibration']:.2g} {unit}"
+        rows.append(
+            f"<tr><td>{escape(title)}</td><td>{word}</td><td>{value}</td><td>{calibration}</td></tr>"
+        )
+    return "".join(rows)
+
+
 def _plots(made: Sequence[Figure], figures: list[Figure]) -> Iterator[str]:
     """Yield the places of figures, which join those of the page."""
     for figure in made:
         figures.append(figure)
         yield (
-            f"<figure><figcaption>{escape(figure['title'])}</figcaption>"
+            f"<figure><figcaption>{escape(figure['title'])}"
+            '<button type="button" hidden>whole</button></figcaption>'
             f'<div data-figure="{len(figures) - 1}"></div></figure>'
         )
 
@@ -136,7 +200,8 @@ def _indicator_table(results: Mapped) -> str:
     rows = "\n".join(_table_row(point) for point in results["points"])
     return (
         '<h2>Indicators</h2>\n<p class="soft">Measured value with its standard uncertainty; below '
-        "it what models 1 and 2 predict. The same in SI units: indicators.csv.</p>\n"
+        "it what models 1 and 2 predict. The same in SI units: "
+        "indicators.csv and indicators.parquet.</p>\n"
         f'<div class="scroll"><table>\n<tr><th>point</th>{header}</tr>\n{rows}\n</table></div>'
     )
 

@@ -1,4 +1,5 @@
-// Plots of a report as SVG: drag over a plot to zoom in, double-click or tap twice to zoom out.
+// Plots of a report as SVG. Zoom: drag over a part; pinch; turn the wheel on a plot that was clicked,
+// or with Ctrl; the keys + - and arrows. Back: double-click, double-tap, the button, or the key 0.
 "use strict";
 const SVG = "http://www.w3.org/2000/svg";
 const MARGIN = { left: 62, right: 12, top: 10, bottom: 40 };
@@ -50,8 +51,66 @@ class Plot {
     this.rise = figure.logValues ? (v) => Math.log10(Math.max(v, 1e-12)) : (v) => v;
     if (host.clientWidth) this.draw();
     new ResizeObserver(() => { if (host.clientWidth && host.clientWidth !== this.width) this.draw(); }).observe(host);
-    host.addEventListener("dblclick", () => { this.shown = null; this.draw(); });
+    this.fingers = new Map();
+    host.tabIndex = 0;
+    this.button = host.parentElement.querySelector("button");
+    if (this.button) this.button.addEventListener("click", () => this.show(null));
+    host.addEventListener("dblclick", () => this.show(null));
     host.addEventListener("pointerdown", (event) => this.press(event));
+    host.addEventListener("wheel", (event) => this.turn(event), { passive: false });
+    host.addEventListener("keydown", (event) => this.type(event));
+  }
+
+  // Show a range of places, the whole one for null.
+  show(range) {
+    const [first, last] = this.whole;
+    if (range) {
+      const least = (last - first) * 1e-4, size = Math.max(range[1] - range[0], least);
+      const begin = Math.min(Math.max(range[0], first), last - Math.min(size, last - first));
+      range = size < 0.999 * (last - first) ? [begin, Math.min(begin + size, last)] : null;
+    }
+    this.shown = range;
+    if (this.button) this.button.hidden = !range;
+    this.draw();
+  }
+
+  // Widen (factor above 1) or narrow what is shown, one place keeping its position.
+  scale(factor, at) {
+    const [low, high] = this.shown || this.whole;
+    this.show([at + (low - at) * factor, at + (high - at) * factor]);
+  }
+
+  pixel(event) {
+    const box = this.svg.getBoundingClientRect();
+    return (event.clientX - box.left) * this.width / box.width;
+  }
+
+  turn(event) {
+    // a wheel that passes over a plot is there to move the page
+    if (!event.ctrlKey && !event.metaKey && document.activeElement !== this.host) return;
+    event.preventDefault();
+    this.scale(Math.exp(Math.sign(event.deltaY) * Math.min(Math.abs(event.deltaY), 120) / 400), this.back(this.pixel(event)));
+  }
+
+  type(event) {
+    const [low, high] = this.shown || this.whole, step = 0.2 * (high - low), middle = 0.5 * (low + high);
+    const acts = {
+      "+": () => this.scale(0.6, middle), "-": () => this.scale(1 / 0.6, middle), "0": () => this.show(null),
+      ArrowLeft: () => this.shown && this.show([low - step, high - step]),
+      ArrowRight: () => this.shown && this.show([low + step, high + step]),
+    };
+    if (!acts[event.key] || event.ctrlKey || event.metaKey) return;
+    event.preventDefault();
+    acts[event.key]();
+  }
+
+  // Keep what was under each of two fingers there.
+  pinch() {
+    const [a, b] = [...this.fingers.values()];
+    if (Math.abs(b.now - a.now) < 12) return;
+    const slope = (b.place - a.place) / (b.now - a.now), left = MARGIN.left, right = this.width - MARGIN.right;
+    const range = [a.place + (left - a.now) * slope, a.place + (right - a.now) * slope];
+    if (range[1] > range[0]) this.show(range);
   }
 
   get whole() {
@@ -140,20 +199,24 @@ class Plot {
   press(event) {
     if (event.button) return;
     const box = this.svg.getBoundingClientRect(), scale = this.width / box.width;
-    const at = (e) => (e.clientX - box.left) * scale, start = at(event);
+    const at = (e) => (e.clientX - box.left) * scale, start = at(event), id = event.pointerId;
+    this.fingers.set(id, { now: start, place: this.back(start) });
     let mark = null;
     const move = (e) => {
-      if (Math.abs(at(e) - start) < 6) return;
+      if (e.pointerId !== id) return;
+      this.fingers.get(id).now = at(e);
+      if (this.fingers.size > 1) { this.pinched = true; this.pinch(); return; }
+      if (this.pinched || Math.abs(at(e) - start) < 6) return;
       mark = mark || element(this.svg, "rect", { class: "mark", y: MARGIN.top, height: box.height * scale - MARGIN.bottom - MARGIN.top });
       mark.setAttribute("x", Math.min(at(e), start)); mark.setAttribute("width", Math.abs(at(e) - start));
     };
     const end = (e) => {
+      if (e.pointerId !== id) return;
+      this.fingers.delete(id);
       removeEventListener("pointermove", move); removeEventListener("pointerup", end); removeEventListener("pointercancel", end);
-      if (mark && e.type === "pointerup") {
-        const edges = [this.back(start), this.back(at(e))].sort((a, b) => a - b), whole = this.whole;
-        this.shown = [Math.max(edges[0], whole[0]), Math.min(edges[1], whole[1])];
-      }
-      if (mark) this.draw();
+      if (mark && e.type === "pointerup" && !this.pinched) this.show([this.back(start), this.back(at(e))].sort((a, b) => a - b));
+      else if (mark) this.draw();
+      if (!this.fingers.size) this.pinched = false;
     };
     addEventListener("pointermove", move); addEventListener("pointerup", end); addEventListener("pointercancel", end);
   }

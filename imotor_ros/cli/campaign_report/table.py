@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Any
 
 COLUMNS = (
@@ -23,6 +21,7 @@ def indicator_rows(results: Mapping[str, Any]) -> list[dict[str, Any]]:
         Content of results.json.
 
     """
+    empty: dict[str, Any] = dict.fromkeys(COLUMNS)
     signals = {one["name"]: one["signal"] for one in results["campaign"]["points"]}
     rows = []
     for point in results["points"]:
@@ -34,18 +33,11 @@ def indicator_rows(results: Mapping[str, Any]) -> list[dict[str, Any]]:
             "status": point["status"],
         }
         if point["performance"] is None:
-            rows.append({**common, "reason": point["error"]})
+            rows.append({**empty, **common, "reason": point["error"]})
             continue
         for one in point["performance"]["indicators"]:
             models = {m: values.get(one["name"]) for m, values in point["predictions"].items()}
             row = {key: one[key] for key in ("unit", "value", "uncertainty", "reason")}
-            rows.append({**common, "indicator": one["name"], **row, **models})
+            values = {**common, "indicator": one["name"], **row, **models}
+            rows.append({key: values.get(key) for key in COLUMNS})
     return rows
-
-
-def write_csv(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Write the rows; numbers keep every digit, what there is not is empty."""
-    with path.open("w", encoding="utf-8", newline="") as file:
-        writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore", lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(rows)
