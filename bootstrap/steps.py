@@ -106,8 +106,9 @@ class Steps:
         """Put imotor_ros into the overlay: index entry, executables, and links to the sources."""
         layout = self._layout
         share = os.path.join(layout.overlay, "share", "imotor_ros")
-        os.makedirs(share, exist_ok=True)
-        for name in ("package.xml", "params"):
+        # `ros2 launch` looks into no linked folder
+        for name in ("package.xml", "params", "launch/stand.launch.py"):
+            os.makedirs(os.path.dirname(os.path.join(share, name)), exist_ok=True)
             _link(os.path.join(layout.root, name), os.path.join(share, name))
         self._write_executables()
         self._write_path_file()

@@ -114,6 +114,7 @@ def test_colcon_installs_the_package(tmp_path):
     sources = sorted(path.relative_to(ROOT) for path in ROOT.glob("params/**/*.yaml"))
     share = prefix / "share" / "imotor_ros"
     assert sorted(path.relative_to(share) for path in share.glob("params/**/*.yaml")) == sources
+    assert (share / "launch" / "stand.launch.py").is_file()
 
 
 def test_start_script_works_where_the_path_has_a_space(tmp_path):
