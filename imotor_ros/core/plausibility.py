@@ -208,10 +208,15 @@ class _Checks:
         error = float(np.linalg.norm(found - velocity) / np.linalg.norm(velocity))
         if error > bounds.rod_motion_error:
             gain = float(np.linalg.norm(found) / np.linalg.norm(velocity))
-            yield (
-                f"{ROD_VELOCITY} does not show the motion that the drive program is to cause: "
-                f"{100 * error:.3g} % off (allowed {100 * bounds.rod_motion_error:g} %), "
+            lag = _lag(velocity, found, omega)
+            shifted = found * np.exp(1j * omega * lag)
+            is_late = np.linalg.norm(shifted - velocity) < 0.5 * np.linalg.norm(found - velocity)
+            cause = f"it is {lag * 1e6:.3g} us late: undeclared delay" if is_late else (
                 f"{gain:.3g} times its amplitude"
+            )  # fmt: skip
+            yield (
+                f"{ROD_VELOCITY} does not show the motion that the drive program is to cause, "
+                f"{100 * error:.3g} % off (allowed {100 * bounds.rod_motion_error:g} %): {cause}"
             )
             return
         yield from self._slip(ROD_VELOCITY, 4.0 * bounds.clock_slip)
