@@ -11,6 +11,8 @@ from action_msgs.msg import GoalStatus
 from imotor_msgs.action import CorrectExcitation, PlayProgram
 from rclpy.action import ActionClient
 
+from imotor_ros.campaign.plan import RunPlan
+from imotor_ros.campaign.sim_bench import play_trial
 from imotor_ros.contracts.excitation_messages import (
     excitation_from_message,
     refusal_from_message,
@@ -34,6 +36,7 @@ from imotor_ros.contracts.topics import (
 from imotor_ros.core.correction import CorrectionParameters, ExcitationRequest
 from imotor_ros.core.drive import DriveProgram, steady_drive
 from imotor_ros.core.signals import parabolic_sawtooth
+from imotor_ros.core.trial import carry_out
 from imotor_ros.nodes.plant import PlantNode
 from imotor_ros.nodes.signal_generator import SignalGeneratorNode
 from imotor_ros.nodes.vibrometer import VibrometerNode
@@ -239,8 +242,10 @@ def test_motion_beyond_a_limit_is_refused_and_no_sample_passes_it(
     assert np.abs(np.diff(voltage)).max() * 1e6 <= limits.get("slew_rate", 20e6)
 
 
-def test_voltage_that_was_found_moves_the_rod_as_wanted(make_stand: MakeStand) -> None:
-    """What the refusals above differ from."""
+def test_voltage_that_is_found_over_topics_is_that_of_the_bench_in_process(
+    make_stand: MakeStand, make_plan: Callable[..., RunPlan]
+) -> None:
+    """What the refusals above differ from; equal to the last bit."""
     stand, request = make_stand(with_motor=True), a_request()
     answer = stand.correct(request)
     assert answer.status == GoalStatus.STATUS_SUCCEEDED
@@ -248,3 +253,6 @@ def test_voltage_that_was_found_moves_the_rod_as_wanted(make_stand: MakeStand) -
     found = excitation_from_message(request, answer.result)
     assert max(map(abs, found.amplitude_errors)) < 0.01
     assert stand.stages[-1] == f"cycle {found.cycles}"
+    plan = make_plan("sim", 0.03, seed=1)
+    procedure = request.procedure(plan.limits)
+    assert found == carry_out(procedure, lambda trial: play_trial(trial, plan))
