@@ -241,14 +241,18 @@ class Stand:
             record.descriptions[one.name] = described
         return record
 
-    def indicators(self) -> Performance:
-        """Wait for the final indicators."""
+    def indicators(self, program: DriveProgram) -> Performance:
+        """Play a program, and wait for its final indicators."""
+        self.play(program)
+
+        def final() -> list[Any]:
+            return [one for one in self._of(program, self.performances) if one.is_final]
+
         self.graph.spin_until(
-            lambda: self.evaluator.fault or any(one.is_final for one in self.performances),
-            "the final indicators",
+            lambda: self.evaluator.fault or final(), f"the final indicators of {program.run_id}"
         )
         assert not self.evaluator.fault
-        return performance_from_message(self.performances[-1])
+        return performance_from_message(final()[-1])
 
 
 def failures(record: RunRecord) -> dict[str, str]:
@@ -271,8 +275,7 @@ def test_template_is_caught_by_nothing(graph: Any) -> None:
     """Otherwise nothing would follow from the others being caught."""
     stand = Stand(graph, TemplateDriverNode)
     assert failures(stand.play(characterising_program(SETTINGS, "check"))) == {}
-    stand.play(a_run())
-    found = stand.indicators()
+    found = stand.indicators(a_run())
     for name in ("mean_velocity", "ripple", "durability", "efficiency"):
         assert found.indicator(name).is_available, found.indicator(name).reason
     assert not found.warnings
@@ -298,8 +301,7 @@ def test_wrong_samples_are_caught_and_give_no_number(
     found = failures(stand.play(characterising_program(SETTINGS, "check")))
     assert any(re.fullmatch(requirement, name) for name in found), found
     assert any(evidence in text for name, text in found.items()), found
-    stand.play(a_run())
-    durability = stand.indicators().indicator("durability")
+    durability = stand.indicators(a_run()).indicator("durability")
     assert not durability.is_available
     assert re.search(reason, durability.reason), durability.reason
 

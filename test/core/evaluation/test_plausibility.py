@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import pytest
@@ -53,6 +54,11 @@ class Measured:
             evaluator.add_channel(channel)
             evaluator.add_samples(name, 0, self.samples[name])
         return evaluator.performance()
+
+    @cached_property
+    def performance(self) -> Performance:
+        """The final indicators, by the default parameters."""
+        return self.evaluate()
 
     def changed(self, **samples: Array) -> Measured:
         """Return the run with other samples; a name's slash is two underscores."""
@@ -192,7 +198,7 @@ MUTANTS = {
 def test_mutant_gives_no_wrong_number_in_silence(good: Measured, name: str) -> None:
     """What rests on the wrong channel is refused with the defect's name; the rest is unchanged."""
     mutate, message = MUTANTS[name]
-    right, wrong = good.evaluate(), mutate(good).evaluate()
+    right, wrong = good.performance, mutate(good).evaluate()
     refused = [one.reason for one in wrong.indicators if not one.is_available]
     assert any(re.search(message, reason) for reason in refused), refused
     for one in wrong.indicators:
