@@ -70,7 +70,8 @@ def estimation_error(
     rod = measurement.rod
     phase = 2.0 * np.pi * np.arange(_POINTS) / _POINTS
     velocity = predict_slider(measurement, friction, mass, frequency, phase)
-    spectrum = 2.0 * np.fft.rfft(velocity)[1 : measurement.resolved + 1] / _POINTS
+    count = measurement.slider_harmonics.phasors.size
+    spectrum = 2.0 * np.fft.rfft(velocity)[1 : count + 1] / _POINTS
     slider = replace(rod, mean=0.0, phasors=spectrum, drift=0j)
     found = mass * frequency * fit_waveform(rod, slider).total_variation
     speeds = np.abs(trigonometric_value(rod.phasors, phase) - velocity)

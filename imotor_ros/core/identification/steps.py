@@ -140,16 +140,14 @@ class StepMeasurement(HeadComparison):
     closest_approach : float
         Smallest relative speed at which the relative velocity turns round, over what noise makes
         of one: how closely the rod comes back to the slider without clearly overtaking it.
-    resolved : int
-        Number of harmonics of the slider velocity that were measured.
     rising_share : float
         Share of the period in which the slider velocity rises; 1/2 without outer force.
     drift : float
         Change of the slider's first harmonic from the first to the second half, relative.
     misfit : float
         Chi square of the slider's waveform per degree of freedom.
-    rod : Harmonics
-        The rod velocity.
+    rod, slider_harmonics : Harmonics
+        The velocities, as measured.
     slider : CornerWaveform
         The slider velocity, without its mean.
     slider_mean : float
@@ -167,11 +165,11 @@ class StepMeasurement(HeadComparison):
     odd_harmonics: tuple[float, ...]
     crossing_margin: float
     closest_approach: float
-    resolved: int
     rising_share: float
     drift: float
     misfit: float
     rod: Harmonics
+    slider_harmonics: Harmonics
     slider: CornerWaveform
     slider_mean: float
 
@@ -301,11 +299,11 @@ def measure_step(
         odd_harmonics=tuple(np.abs(slider.phasors[2::2] / first).tolist()),
         crossing_margin=_crossing_margin(curve, seen.phasors, slider.phasors.size),
         closest_approach=_closest_approach(seen, curve, slider.noise),
-        resolved=slider.phasors.size,
         rising_share=_rising_share(curve),
         drift=float(abs(slider.drift / first)),
         misfit=curve.misfit,
         rod=rod,
+        slider_harmonics=slider,
         slider=curve,
         slider_mean=mean,
     )

@@ -65,13 +65,14 @@ def transition(true_period: Callable[..., Any]) -> Callable[..., Transition]:
 def test_break_away_force_is_found(
     transition: Callable[..., Transition], law: Any, slope: float, force: float
 ) -> None:
-    """Within 1 %, and it is told from the sliding force where it is larger."""
+    """Within 0.3 %; within 1.5 % where it is larger than the sliding force, and told from it."""
     found = estimate_break_away(transition(law, slope))
     assert found.force is not None, found.reason
-    assert found.force.value == pytest.approx(force, rel=0.01)
+    is_larger = law.break_away_force > 0.0
+    assert found.force.value == pytest.approx(force, rel=0.015 if is_larger else 0.003)
     assert found.force.low < force * 1.005
     assert found.force.high > force * 0.995
-    assert found.sliding_force == pytest.approx(law.numbers.force, rel=0.01)
+    assert found.sliding_force == pytest.approx(law.numbers.force, rel=0.02)
     assert found.highest_sticking < force < found.lowest_slipping
     assert found.is_clear
 
