@@ -501,6 +501,22 @@ class DriverCheck:
     def _under_voltage(self, what: str, hold_time: float = 40e-3) -> RunRecord:
         return self._play_until(short_program(self._parameters, self._next_id(what), hold_time))
 
+    def _at_work(self, what: str) -> RunRecord:
+        """Play a part of a program; all of it if the driver plays from a memory of its own."""
+        record = self._under_voltage(what)
+        if self._collects_first:
+            until = record.program.length - 1
+            self._probe.play(record, until=until, stall_timeout=self._deadlines.stall)
+            self._probe.send(record, record.program.length - record.sent)
+            self._probe.spin_for(0.05)
+        return record
+
+    def _ramp_defects(self, record: RunRecord, streams: Sequence[str]) -> list[str]:
+        """Return what is wrong with a ramp; one that is not measured cannot be judged."""
+        if self._collects_first and not record.blocks.get(MEASURED_MONITOR):
+            return []
+        return [*ramp_defects(record, streams)]
+
     def _stop_gently(self) -> None:
         record = self._under_voltage("stop", 80e-3)
         rate = self._parameters.sample_rate
@@ -510,11 +526,32 @@ class DriverCheck:
         self._probe.announce(stopped)
         stall = self._deadlines.stall
         self._probe.play(record, stall_timeout=stall)
-        if not self._collects_first:
-            self._probe.receives_all(record, self._streams, stall_timeout=stall)
+        self._probe.receives_all(record, self._streams, stall_timeout=stall)
         self._settle(record)
         self._probe.close_run()
         self._judge_stop(record, planned)
+        if record.fault:
+            self._reactivate()
+        if self._collects_first:
+            self._stop_what_is_played()
+
+    def _stop_what_is_played(self) -> None:
+        """Stop a driver that has the whole program, at a time when it may be playing it."""
+        record = self._at_work("stop-late")
+        self._probe.announce(replace(record.program, ending=Ending.STOPPED))
+        self._probe.waits_for(
+            lambda: record.fault or record.is_complete(self._streams), 2.0 * self._deadlines.stall
+        )
+        self._settle(record)
+        self._probe.close_run()
+        defects = []
+        if not record.fault and not record.is_complete(self._streams):
+            defects.append(
+                f"neither a fault nor the rest of the run after a stop: {_story(record)}"
+            )
+        elif not record.fault and not is_at_zero(record):
+            defects.append(f"the voltage stays on after the stop: {_story(record)}")
+        self.findings.judge("S3", defects, f"stopped with all of it in memory: {_story(record)}")
         if record.fault:
             self._reactivate()
 
@@ -549,7 +586,7 @@ class DriverCheck:
         program = short_program(self._parameters, self._next_id("after"))
         second = self._play_all(program)
         self._settle(first)
-        defects = [*ramp_defects(first, (MEASURED_MONITOR,))]
+        defects = self._ramp_defects(first, (MEASURED_MONITOR,))
         if not second.is_complete(self._streams):
             told = second.fault or f"{second.consumed} of {program.length} samples acknowledged"
             defects.append(f"the run after it was not played: {told}")
@@ -560,16 +597,21 @@ class DriverCheck:
         self._reactivate()
 
     def _abandon(self) -> None:
-        record = self._under_voltage("abandoned")
+        record = self._at_work("abandoned")
         self._probe.announce(replace(record.program, ending=Ending.ABANDONED))
-        self._probe.waits_for(lambda: record.fault, self._deadlines.stall)
+        wait = 1.0 if self._collects_first else self._deadlines.stall
+        self._probe.waits_for(lambda: record.fault, wait)
         self._settle(record)
         self._probe.close_run()
-        self.findings.judge("S4", self._own_stop_defects(record, "abandoned"), _story(record))
+        if self._collects_first and not record.fault:
+            defects = [] if not record.blocks else ["plays on although the program is abandoned"]
+        else:
+            defects = self._own_stop_defects(record, "abandoned")
+        self.findings.judge("S4", defects, _story(record))
         self._judge_after_fault(record)
 
     def _own_stop_defects(self, record: RunRecord, text: str = "") -> list[str]:
-        return [*ramp_defects(record, self._streams), *fault_defects(record, text)]
+        return [*self._ramp_defects(record, self._streams), *fault_defects(record, text)]
 
     def _judge_after_fault(self, record: RunRecord) -> None:
         """Send more of a run that ended by a fault, then a new activation and a whole run."""
@@ -601,7 +643,7 @@ class DriverCheck:
         self._settle(record)
         defects = [*clipping_defects(record, settings.lowest_voltage, settings.highest_voltage)]
         if record.fault:
-            defects += [*ramp_defects(record, self._streams), *fault_defects(record)]
+            defects += self._own_stop_defects(record)
         shown = record.samples(MEASURED_MONITOR)
         span = (
             f"{shown.min():.4g} to {shown.max():.4g} V shown" if shown.size else "nothing put out"
@@ -641,6 +683,9 @@ class DriverCheck:
         """Silence of blocks is no reason to stop as long as the generator says that it lives."""
         timeout = self._parameters.voltage_timeout
         record = self._under_voltage("silent")
+        if self._collects_first:
+            self._judge_silence_while_collecting(record)
+            return
         self._probe.spin_for(1.3 * timeout)
         if record.fault:
             self.findings.fails("S5", f"gives up although the generator lives: {record.fault}")
@@ -648,6 +693,16 @@ class DriverCheck:
             self.findings.passes("S5", f"waits {1.3 * timeout:.1f} s for a generator that lives")
             self._judge_silence(record)
         self._probe.close_run()
+        self._reactivate("S9")
+
+    def _judge_silence_while_collecting(self, record: RunRecord) -> None:
+        """Nothing may be put out of a program that is not there as a whole."""
+        self._probe.is_pulsing = False
+        self._probe.spin_for(1.5 * self._parameters.voltage_timeout)
+        self._probe.is_pulsing = True
+        self._probe.close_run()
+        defects = ["puts out a program that is not there as a whole"] if record.blocks else []
+        self.findings.judge("S5", defects, f"nothing put out of half a program; {_story(record)}")
         self._reactivate("S9")
 
     def _judge_silence(self, record: RunRecord) -> None:
@@ -664,12 +719,12 @@ class DriverCheck:
         self.findings.judge("S5", defects, f"after {waited:.2f} s of silence: {_story(record)}")
 
     def _deactivate_under_voltage(self) -> None:
-        record = self._under_voltage("deactivated")
+        record = self._at_work("deactivated")
         self._transit(DEACTIVATE)
         self._settle(record)
         self._probe.close_run()
         self.findings.judge(
-            "S7", ramp_defects(record, (MEASURED_MONITOR,)), f"deactivated: {_story(record)}"
+            "S7", self._ramp_defects(record, (MEASURED_MONITOR,)), f"deactivated: {_story(record)}"
         )
 
     def _return_from_unconfigured(self) -> None:
@@ -681,7 +736,7 @@ class DriverCheck:
         if self._processes is None:
             self.findings.skips("S7", "SIGTERM: the driver was not started by this check")
             return
-        record = self._under_voltage("ended")
+        record = self._at_work("ended")
         self._probe.watch = _nothing
         self._processes.request_stop()
         processes = self._processes
@@ -689,7 +744,7 @@ class DriverCheck:
         self._settle(record)
         self._probe.close_run()
         survivors = self._processes.stop(0.0)
-        defects = [*ramp_defects(record, (MEASURED_MONITOR,))]
+        defects = self._ramp_defects(record, (MEASURED_MONITOR,))
         defects += [f"{name} does not end within {self._deadlines.end:g} s" for name in survivors]
         self.findings.judge("S7", defects, f"SIGTERM: {_story(record)}")
         self._judge_exit("S7")
@@ -805,11 +860,9 @@ def _listed(values: dict[str, Any]) -> str:
 def _story(record: RunRecord) -> str:
     """Return how a run ended."""
     end = record.end_index(MEASURED_MONITOR)
+    shown = f"{last_voltage(record):.3f} V at the end" if end else "no voltage to be seen"
     told = f"fault {record.fault!r}" if record.fault else "no fault told"
-    return (
-        f"{record.consumed} samples acknowledged, {end} measured, "
-        f"{last_voltage(record):.3f} V at the end, {told}"
-    )
+    return f"{record.consumed} samples acknowledged, {end} measured, {shown}, {told}"
 
 
 def _type_defects(topic: Topic, info: Any, verb: str, own_hash: str) -> list[str]:

@@ -64,6 +64,9 @@ BLOCK_TIME = 10e-3
 _RETRY_INTERVAL = 3.0
 """Time (s) after which a request without answer is sent again."""
 
+_PATIENCE = 30.0
+"""Longest time (s) in which a driver may say that it is still at work on the same sample."""
+
 STATES = {
     State.PRIMARY_STATE_UNCONFIGURED: "unconfigured",
     State.PRIMARY_STATE_INACTIVE: "inactive",
@@ -418,7 +421,7 @@ class DriverProbe:
         lengths : iterable of int
             Lengths of the blocks (samples), again and again; by default the longest allowed.
         stall_timeout : float
-            Longest wait (s) for an acknowledgement.
+            Longest wait (s) for an acknowledgement, be it one that says that nothing more is done.
 
         Returns
         -------
@@ -431,6 +434,7 @@ class DriverProbe:
         sizes: Iterator[int] = cycle(list(lengths) or [round(BLOCK_TIME * rate)])
         end = record.program.length if until is None else until
         size = next(sizes)
+        moved = time.monotonic()
         while record.consumed < end:
             if record.fault:
                 return False
@@ -440,11 +444,11 @@ class DriverProbe:
                 size = next(sizes)
                 self.spin(0.0)
                 continue
-            before = record.consumed
-            if not self.waits_for(
-                lambda: record.consumed > before or record.fault,  # noqa: B023
-                stall_timeout,
-            ):
+            before, heard = record.consumed, len(record.progress)
+            if not self.waits_for(lambda: len(record.progress) > heard, stall_timeout):  # noqa: B023
+                return False
+            moved = time.monotonic() if record.consumed > before else moved
+            if time.monotonic() - moved > _PATIENCE:
                 return False
         return True
 

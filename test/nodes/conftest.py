@@ -10,6 +10,7 @@ from __future__ import annotations
 import fcntl
 import gc
 import itertools
+import json
 import os
 import tempfile
 import time
@@ -21,6 +22,8 @@ import pytest
 
 from imotor_ros.bag.reader import RunBag
 from imotor_ros.campaign.campaign import NamedPoint
+from imotor_ros.campaign.conformance.programs import CheckParameters
+from imotor_ros.campaign.conformance.requirements import Result, conclude
 from imotor_ros.campaign.plan import RunPlan, plan_run
 from imotor_ros.campaign.point import PointParameters
 from imotor_ros.campaign.sim_bench import SimBench
@@ -37,6 +40,7 @@ from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from imotor_ros.nodes.driver_session import driver_check
 from imotor_ros.nodes.message_types import RclpyTypes, message_class
 from imotor_ros.nodes.middleware import join_graph
 from imotor_ros.nodes.qos import qos_profile
@@ -82,6 +86,26 @@ def make_plan(tmp_path: Path) -> Callable[..., RunPlan]:
         return plan_run(point, tmp_path / folder)
 
     return make
+
+
+@pytest.fixture
+def check_driver(namespace: str, tmp_path: Path) -> Callable[..., dict[str, Result]]:
+    """Return a function that checks a driver, and gives the results by requirement."""
+
+    def run(driver: str, *, lives: int = 1, **parameters: Any) -> dict[str, Result]:
+        path = None
+        if parameters:
+            path = tmp_path / "parameters.yaml"
+            path.write_text(json.dumps({"/**": {"ros__parameters": parameters}}), "utf-8")
+        with driver_check(
+            driver, CheckParameters(), namespace=namespace, log_directory=tmp_path / "logs",
+            parameter_file=path, lives=lives,
+        ) as check:  # fmt: skip
+            for _ in check.run():
+                pass
+        return {one.requirement.id: one for one in conclude(check.findings, check.unreached)}
+
+    return run
 
 
 class Graph:

@@ -9,39 +9,15 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
 
-from imotor_ros.campaign.conformance.programs import CheckParameters
-from imotor_ros.campaign.conformance.requirements import Result, Verdict, conclude
+from imotor_ros.campaign.conformance.requirements import Result, Verdict
 from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.cli.main import main
-from imotor_ros.nodes.driver_session import driver_check
-from imotor_ros.nodes.process import find_executable
 
 Check = Callable[..., dict[str, Result]]
-
-
-@pytest.fixture
-def check(namespace: str, tmp_path: Path) -> Check:
-    """Return a function that checks a driver, and gives the results by requirement."""
-
-    def run(driver: str, *, lives: int = 1, **parameters: Any) -> dict[str, Result]:
-        path = None
-        if parameters:
-            path = tmp_path / "parameters.yaml"
-            path.write_text(json.dumps({"/**": {"ros__parameters": parameters}}), "utf-8")
-        with driver_check(
-            driver, CheckParameters(), namespace=namespace, log_directory=tmp_path / "logs",
-            parameter_file=path, lives=lives,
-        ) as made:  # fmt: skip
-            for _ in made.run():
-                pass
-        return {one.requirement.id: one for one in conclude(made.findings, made.unreached)}
-
-    return run
 
 
 def verdicts(results: dict[str, Result], verdict: Verdict) -> dict[str, str]:
@@ -49,8 +25,8 @@ def verdicts(results: dict[str, Result], verdict: Verdict) -> dict[str, str]:
     return {name: one.evidence for name, one in results.items() if one.verdict is verdict}
 
 
-def test_virtual_stand_passes(check: Check) -> None:
-    results = check("virtual")
+def test_virtual_stand_passes(check_driver: Check) -> None:
+    results = check_driver("virtual")
     assert verdicts(results, Verdict.FAIL) == {}
     assert verdicts(results, Verdict.NOT_APPLICABLE) == {
         "L4": "the driver was to be started once only",
@@ -58,25 +34,18 @@ def test_virtual_stand_passes(check: Check) -> None:
     }
 
 
-def test_player_passes_what_applies_to_a_recorded_run(check: Check, recorded: RunPlan) -> None:
-    results = check("player", path=str(recorded.bag_path.absolute()))
+def test_player_passes_what_applies_to_a_recorded_run(
+    check_driver: Check, recorded: RunPlan
+) -> None:
+    results = check_driver("player", path=str(recorded.bag_path.absolute()))
     assert verdicts(results, Verdict.FAIL) == {}
     passed = " ".join(verdicts(results, Verdict.PASS))
     assert passed == "I1 I2 I3 L1 L2 L3 L4 L6 C1 C2 C3 D1 D2 D3 D4 D5 F1 F2 F3 F5 V1 A1"
     assert "recorded run" in results["S5"].evidence
 
 
-def _has(executable: str) -> bool:
-    try:
-        find_executable(executable)
-    except ValueError:
-        return False
-    return True
-
-
-@pytest.mark.skipif(not _has("template_driver"), reason="the template is not installed")
-def test_template_passes(check: Check) -> None:
-    results = check("template_driver", lives=2)
+def test_template_passes(check_driver: Check) -> None:
+    results = check_driver("template_driver", lives=2)
     assert verdicts(results, Verdict.FAIL) == {}
     assert list(verdicts(results, Verdict.NOT_APPLICABLE)) == ["S3"]
 

@@ -66,12 +66,16 @@ def _stamp_defects(record: RunRecord) -> Iterator[str]:
 
 
 def collects_first(record: RunRecord) -> bool:
-    """Whether the driver took the whole program before it measured anything."""
+    """
+    Whether the driver took the whole program before it published any of what it measured.
+
+    It may keep the last sample back until all is done.
+    """
     monitor = record.blocks.get(VOLTAGE_MONITOR.name)
-    whole = [one.moment for one in record.progress if one.consumed >= record.program.length]
-    if not monitor or not whole:
+    if not monitor:
         return False
-    return whole[0] < monitor[0].moment
+    before = [one.consumed for one in record.progress if one.moment < monitor[0].moment]
+    return max(before, default=0) >= record.program.length - 1
 
 
 def check_acknowledged_when_put_out(record: RunRecord, findings: Findings) -> None:
