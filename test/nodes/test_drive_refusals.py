@@ -256,3 +256,22 @@ def test_voltage_that_is_found_over_topics_is_that_of_the_bench_in_process(
     plan = make_plan("sim", 0.03, seed=1)
     procedure = request.procedure(plan.limits)
     assert found == carry_out(procedure, lambda trial: play_trial(trial, plan))
+
+
+def test_cancelled_search_brings_the_voltage_to_zero(make_stand: MakeStand, graph: Any) -> None:
+    """In the middle of a trial; the generator is ready for the next search then."""
+    stand, request = make_stand(with_motor=True), a_request()
+    goal = CorrectExcitation.Goal(**request_fields(graph.types, request))
+    sent = stand._correct.send_goal_async(goal, lambda told: stand.stages.append(_stage(told)))
+    graph.spin_until(lambda: "response: sweep" in stand.stages, "the second trial")
+    handle = sent.result()
+    cancelled = handle.cancel_goal_async()
+    answer = handle.get_result_async()
+    graph.spin_until(lambda: cancelled.done() and answer.done(), "the end of the search")
+    assert answer.result().status == GoalStatus.STATUS_CANCELED
+    assert answer.result().result.outcome == "cancelled"
+    # the last sample is one step of the release before 0 V
+    assert abs(stand.voltage[-1]) <= 50.0 / 1000 + 1e-9
+    assert stand.voltage.min() >= -20.0
+    assert stand.voltage.max() <= 120.0
+    assert stand.correct(a_request(run_id="another")).status == GoalStatus.STATUS_SUCCEEDED
