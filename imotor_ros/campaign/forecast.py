@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
 from imotor_ros.campaign.campaign import NamedPoint
 from imotor_ros.campaign.plan import plan_run
 from imotor_ros.core.drive_limits import program_demand
-from imotor_ros.errors import DriveLimitError
+from imotor_ros.errors import DriveLimitError, RecordingError
 
 BYTES_PER_SAMPLE = 36
 """Size of a bag over its samples in time: nine streams, compressed.
@@ -78,3 +79,28 @@ def forecast_run(point: NamedPoint) -> RunForecast:
         BYTES_PER_SAMPLE * program.length,
         problem,
     )
+
+
+def check_space(samples: int, folder: Path) -> None:
+    """
+    Check that the bags of runs find room, before any of them starts.
+
+    Parameters
+    ----------
+    samples : int
+        Samples in time, of all runs together.
+    folder : Path
+        Where the bags are to be; it exists.
+
+    Raises
+    ------
+    RecordingError
+        If there is too little room on its disk.
+
+    """
+    needed, free = BYTES_PER_SAMPLE * samples, shutil.disk_usage(folder).free
+    if needed > free:
+        raise RecordingError(
+            f"{folder}: the disk is too full: the bags need about {needed / 1e6:.0f} MB, "
+            f"{free / 1e6:.0f} MB are free"
+        )

@@ -17,6 +17,7 @@ from typing import Any
 
 from imotor_ros.campaign.bench import Bench, RunEvent
 from imotor_ros.campaign.campaign import Campaign, NamedPoint
+from imotor_ros.campaign.forecast import check_space
 from imotor_ros.campaign.own_friction import identification_points
 from imotor_ros.campaign.plan import RunPlan, plan_run
 from imotor_ros.campaign.predictions import MODELS
@@ -127,7 +128,7 @@ def run_campaign(
         If a point cannot be planned, or `output` cannot be made or holds results of another
         campaign.
     RecordingError
-        If the results cannot be written.
+        If the results cannot be written, or the bags would not find room.
 
     """
     todo = _ToDo(campaign, bench, output, provenance)
@@ -136,6 +137,7 @@ def run_campaign(
     runs, done = todo.counts()
     yield CampaignStarted(campaign, output, done, runs)
     _make_folder(output)
+    check_space(todo.open_samples(), output)
     jobs = min(jobs, runs - done)
     work = work_in_processes(todo.next_task, jobs) if jobs > 1 else work_here(todo.next_task)
     try:
@@ -214,6 +216,13 @@ class _ToDo:
         """Return the number of runs, and how many are done."""
         done = len(self.results.friction) + len(self.results.points)
         return len(self._friction) + len(self._plans), done
+
+    def open_samples(self) -> int:
+        """Return the number of samples in time of all runs that are not done."""
+        runs = (
+            run.plan if isinstance(run, _Identification) else run[1] for run in self._open_runs()
+        )
+        return sum(plan.program.length for plan in runs)
 
     def starts(self) -> Generator[CampaignEvent, None, None]:
         """Yield the runs that have been begun since."""

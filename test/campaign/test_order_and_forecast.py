@@ -1,17 +1,22 @@
 """Order and repetition of runs, and what a dry run says of them."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
+from shutil import _ntuple_diskusage as Usage
 from typing import Any
 
 import pytest
 
+from imotor_ros.campaign import forecast
+from imotor_ros.campaign.bench import Bench
 from imotor_ros.campaign.campaign import Campaign, campaign_from_mapping
 from imotor_ros.campaign.forecast import forecast_run
 from imotor_ros.campaign.order import sequence_of
 from imotor_ros.campaign.plan import plan_run
+from imotor_ros.campaign.runner import PointFinished, run_campaign
 from imotor_ros.cli.main import main
-from imotor_ros.errors import BadInputError
+from imotor_ros.errors import BadInputError, RecordingError
 
 PAPER = Path(__file__).parents[2] / "params" / "campaigns" / "paper.yaml"
 
@@ -82,3 +87,25 @@ def test_dry_run_lists_the_runs_and_makes_nothing(
     assert (len(names), names[0]) == (13, "identification")
     assert found["duration"] == pytest.approx(sum(one["duration"] for one in found["runs"]))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_bags_that_would_fill_the_disk_are_refused_before_anything_runs(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    make_campaign: Callable[..., Campaign],
+    instant_bench: Callable[[], Bench],
+) -> None:
+    campaign = make_campaign(3)
+    needed = sum(forecast_run(point).bag_size for point in campaign.points)
+    for free, is_enough in ((needed, True), (needed - 1, False)):
+        usage = Usage(total=10 * needed, used=10 * needed - free, free=free)
+        monkeypatch.setattr(forecast.shutil, "disk_usage", lambda _, usage=usage: usage)
+        output = tmp_path / str(free)
+        with instant_bench() as bench:
+            run = run_campaign(campaign, bench, output)
+            if is_enough:
+                assert len([one for one in run if isinstance(one, PointFinished)]) == 3
+                continue
+            with pytest.raises(RecordingError, match=r"disk is too full.* need about .* are free"):
+                list(run)
+        assert not list(output.iterdir())
