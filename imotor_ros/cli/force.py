@@ -14,7 +14,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, cast
+from typing import Any
 
 from imotor_ros.campaign.point import SignalParameters
 from imotor_ros.cli.force_measurement import (
@@ -24,6 +24,7 @@ from imotor_ros.cli.force_measurement import (
     refuse_measurement_options,
     words,
 )
+from imotor_ros.cli.friction_option import FRICTION_HELP, friction_law
 from imotor_ros.cli.output import print_json, table
 from imotor_ros.core.force_potential import (
     STIFFNESSES,
@@ -32,7 +33,6 @@ from imotor_ros.core.force_potential import (
     sweep_springs,
     velocity_force_curve,
 )
-from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
 from imotor_ros.core.slider import SliderParameters
 from imotor_ros.errors import BadInputError
 
@@ -42,7 +42,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--harmonics", type=int, required=True, metavar="N", help="number of harmonics")
     add("--max-frequency", type=float, required=True, metavar="HZ", help="of the highest harmonic")
-    add("--friction", choices=tuple(FRICTION_LAWS), help="friction law of the model alone")
+    add("--friction", metavar="LAW|FILE", help=f"of the model alone; {FRICTION_HELP}")
     add("--stroke", type=float, default=15e-6, metavar="M", help="peak to peak (m), default 15e-6")
     add(
         "--stiffnesses",
@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> int:
             "is missing", where="--friction", bound="a law, or --bench to measure the force"
         )
     slider = SliderParameters()
-    friction = cast("FrictionLaw", FRICTION_LAWS[options.friction]())
+    friction = friction_law(options.friction)
     points = 11 if options.points is None else options.points
     sweep = sweep_springs(signal.motion, slider, friction, stiffnesses or STIFFNESSES)
     curve = velocity_force_curve(signal.motion, slider, friction, points)

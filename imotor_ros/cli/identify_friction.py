@@ -217,7 +217,10 @@ def _break_away_text(found: Identification) -> str:
             f"{format_interval(paper.value, paper.low, paper.high)} N"
         )
     held, slipped = more.highest_sticking, more.lowest_slipping
-    text += f"\nheld up to {held:.3g} N, slipped at {slipped:.3g} N"
+    if held == held:
+        text += f"\nheld {held:.3g} N at least"
+    if slipped == slipped:
+        text += f"\nslipped at {slipped:.3g} N at most"
     return text + (f"\n{more.remark}" if more.remark else "")
 
 

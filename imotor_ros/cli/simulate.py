@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import asdict
-from typing import cast
 
+from imotor_ros.cli.friction_option import FRICTION_HELP, friction_law
 from imotor_ros.cli.output import SCALES, format_value, print_json, table
-from imotor_ros.core.friction import FRICTION_LAWS, FrictionLaw
 from imotor_ros.core.model import PERIODS, Prediction, predict
 from imotor_ros.core.signals import parabolic_sawtooth
 from imotor_ros.core.slider import LoadParameters, SliderParameters
@@ -28,7 +27,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     add("--harmonics", type=int, required=True, metavar="N", help="number of harmonics")
     add("--max-frequency", type=float, required=True, metavar="HZ", help="of the highest harmonic")
-    add("--friction", choices=tuple(FRICTION_LAWS), required=True, help="friction law")
+    add("--friction", required=True, metavar="LAW|FILE", help=FRICTION_HELP)
     add("--stroke", type=float, default=15e-6, metavar="M", help="peak to peak (m), default 15e-6")
     add(
         "--periods",
@@ -78,7 +77,7 @@ def _predict(options: argparse.Namespace) -> Prediction:
     return predict(
         motion,
         SliderParameters(),
-        cast("FrictionLaw", FRICTION_LAWS[options.friction]()),
+        friction_law(options.friction),
         load,
         periods=options.periods,
         sample_rate=options.sample_rate,
