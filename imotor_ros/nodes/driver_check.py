@@ -23,7 +23,7 @@ from imotor_ros.campaign.conformance.programs import (
     short_program,
 )
 from imotor_ros.campaign.conformance.record import MEASURED, RunRecord
-from imotor_ros.campaign.conformance.requirements import Findings
+from imotor_ros.campaign.conformance.requirements import Findings, Verdict
 from imotor_ros.campaign.conformance.signal_checks import (
     RunSignals,
     check_alignment,
@@ -81,6 +81,9 @@ _FOREIGN = (DRIVE_VOLTAGE, DRIVE_PROGRAM, STATE, RUN_INFO, PERFORMANCE, RECORDIN
 
 _PATIENCE = "match_timeout"
 """Parameter of the nodes of this stand that says how long they wait for their peers."""
+
+_DIAGNOSTICS_TIME = 2.5
+"""Longest wait (s) for diagnostics, which come once a second and on change."""
 
 _LIVES = 2
 """Starts of the driver that all scenarios need: one life ends by a signal, one by a transition."""
@@ -233,7 +236,7 @@ class DriverCheck:
         yield Stage("shutdown", "L4", self._shut_down)
 
     def _replay_stages(self) -> Iterator[Stage]:
-        self.findings.skips("L5 F4 V2 V3 S1 S2 S3 S4 S5 S6 S7 S8 S9", REPLAY_REASON)
+        self.findings.skips("I4 L5 F4 V2 V3 S1 S2 S3 S4 S5 S6 S7 S8 S9", REPLAY_REASON)
         yield Stage("replay", "D1", self._replay)
         yield Stage("replay again", "L6", self._replay_again)
         yield Stage("missing reader", "F5", self._activate_without_reader)
@@ -490,11 +493,21 @@ class DriverCheck:
         self._adopt("F3", findings, f"{blocks} blocks of {piece} samples read after 0.5 s")
 
     def _adopt(self, requirement: str, findings: Findings, evidence: str) -> None:
-        """Take over what the checks of a run found as the verdict on one requirement."""
-        defects = [
-            f"{one.requirement}: {one.evidence}" for one in findings if one.verdict.value == "fail"
+        """
+        Take over what the checks of a run found as the verdict on one requirement.
+
+        What is wrong in every run has been said of the first one, under the requirement that it
+        belongs to, and is not said again.
+        """
+        known = {one.requirement for one in self.findings if one.verdict is Verdict.FAIL}
+        wrong = [one for one in findings if one.verdict is Verdict.FAIL]
+        defects = [f"{one.requirement}: {one.evidence}" for one in wrong]
+        new = [
+            text for one, text in zip(wrong, defects, strict=True) if one.requirement not in known
         ]
-        self.findings.judge(requirement, defects, evidence)
+        others = sorted({one.requirement for one in wrong} & known)
+        but = f" (but for {', '.join(others)})" if others else ""
+        self.findings.judge(requirement, new, f"{evidence}{but}")
 
     # ---- stops and faults ----------------------------------------------------------------
 
@@ -665,7 +678,37 @@ class DriverCheck:
         self._adopt("V3", findings, f"no such sample in any stream; {_story(record)}")
         self.findings.judge("V3", fault_defects(record), f"told: {record.fault}")
         self.findings.judge("S6", self._own_stop_defects(record), f"not a number: {_story(record)}")
+        self._judge_diagnostics(record)
         self._judge_after_fault(record)
+        self._judge_cleared_diagnostics()
+
+    def _judge_diagnostics(self, record: RunRecord) -> None:
+        """Look for the reason of the fault where an operator looks for it."""
+        if not record.fault:
+            return
+
+        def told() -> list[str]:
+            status = self._probe.status_of(self._nodes)
+            return [text for is_error, text in status if is_error and text]
+
+        self._probe.waits_for(
+            lambda: any(text in record.fault or record.fault in text for text in told()),
+            _DIAGNOSTICS_TIME,
+        )
+        found = told()
+        is_there = any(text in record.fault or record.fault in text for text in found)
+        what = f"errors there: {'; '.join(found)}" if found else "no error there"
+        defects = [] if is_there else [f"the fault {record.fault!r} is not there; {what}"]
+        self.findings.judge("I4", defects, "a fault of drive/progress stood there as an error")
+
+    def _judge_cleared_diagnostics(self) -> None:
+        def errors() -> list[str]:
+            return [text for is_error, text in self._probe.status_of(self._nodes) if is_error]
+
+        self._probe.waits_for(lambda: not errors(), _DIAGNOSTICS_TIME)
+        found = errors()
+        defects = [f"still there after a new activation: {'; '.join(found)}"] if found else []
+        self.findings.judge("I4", defects, "gone after a new activation")
 
     def _send_gap(self) -> None:
         record = self._under_voltage("gap")

@@ -9,6 +9,7 @@ from itertools import cycle
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from imotor_msgs.msg import StandState
 from lifecycle_msgs.msg import State
 from lifecycle_msgs.srv import ChangeState, GetState
@@ -41,6 +42,7 @@ from imotor_ros.contracts.messages import (
 )
 from imotor_ros.contracts.topics import (
     CHANNELS,
+    DIAGNOSTICS,
     DRIVE_PROGRAM,
     DRIVE_PROGRESS,
     DRIVE_VOLTAGE,
@@ -113,6 +115,10 @@ class DriverProbe:
         )
         for topic in (*MEASURED_TOPICS, DRIVE_PROGRESS, CHANNELS):
             self.read(topic)
+        self.statuses: dict[str, tuple[bool, str]] = {}
+        self.node.create_subscription(
+            DiagnosticArray, DIAGNOSTICS.name, self._on_diagnostics, qos_profile(DIAGNOSTICS)
+        )
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.node.create_timer(0.1, self._pulse, clock=steady)
 
@@ -212,6 +218,22 @@ class DriverProbe:
             record.sent = block.end_index
         elif self.is_replay:
             self._early.append(lambda: self._on_voltage(message, _info))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Keep of every status whether it is an error, and what it says."""
+        for status in message.status:
+            is_error = status.level == DiagnosticStatus.ERROR
+            self.statuses[status.name] = (is_error, status.message)
+
+    def status_of(self, nodes: Iterable[str]) -> list[tuple[bool, str]]:
+        """Return the last status of nodes: whether it is an error, and what it says."""
+        inside = self.namespace.lstrip("/")
+        names = tuple(f"{inside}/{node}" for node in nodes)
+        return [
+            status
+            for name, status in self.statuses.items()
+            if name.lstrip("/").partition(":")[0] in names
+        ]
 
     def _record_of(self, run_id: str, topic: str) -> RunRecord | None:
         record = self.runs.get(run_id)

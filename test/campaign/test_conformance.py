@@ -299,7 +299,7 @@ WRONG: dict[str, tuple[Callable[[RunRecord], Any], str, str]] = {
     "unit of blocks": (_label(ROD_VELOCITY, unit="mm/s"), "D4", "wrong unit: 'mm/s'"),
     "unit of channel": (_say(LOAD_FORCE, unit="mN"), "C2", "wrong unit: 'mN', expected 'N'"),
     "rod in mm/s": (_scale(ROD_VELOCITY, 1e3), "A1", "is the unit wrong?"),
-    "slider in mm/s": (_scale(SLIDER_VELOCITY, 1e3), "A1", ""),
+    "slider in mm/s": (_scale(SLIDER_VELOCITY, 1e3), "A1", "wrong unit of slider/velocity"),
     "slider in km/s": (_scale(SLIDER_VELOCITY, 1e-3), "A1", "friction does not do"),
     "current in mA": (_scale(CURRENT, 1e3), "A1", "no stack has"),
     "monitor in mV": (_scale(VOLTAGE, 1e3), "V1", "monitor shows"),

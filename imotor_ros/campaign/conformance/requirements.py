@@ -37,6 +37,7 @@ REQUIREMENTS = (
     Requirement("I1", "message types and directions of all topics"),
     Requirement("I2", "quality of service: streams reliable, facts latched"),
     Requirement("I3", "one writer per stream, and none where others write"),
+    Requirement("I4", "faults stand in /diagnostics as errors until they are cleared"),
     Requirement("L1", "every node has a lifecycle and starts unconfigured"),
     Requirement("L2", "configure, activate, deactivate, clean up, and again"),
     Requirement("L3", "transitions that a state does not have are refused"),

@@ -293,12 +293,7 @@ def check_identity(signals: RunSignals, findings: Findings) -> None:
         return
     share = abs(slider.phasor) / max(abs(rod.phasor), 1e-12)
     if share > 1.0 / SLIDING:
-        findings.fails(
-            "A1",
-            f"channels swapped: at {frequency:g} Hz rod/velocity shows {abs(rod.phasor):.3g} m/s "
-            f"and slider/velocity {abs(slider.phasor):.3g} m/s, but it is the rod that follows "
-            "the voltage",
-        )
+        findings.fails("A1", _why_slider_moves_more(signals, share))
         return
     texts: list[str] = []
     defects = [*_rod_defects(signals, texts)]
@@ -309,6 +304,26 @@ def check_identity(signals: RunSignals, findings: Findings) -> None:
         texts.append("the slider does not slide: its direction was not checked")
     defects += _current_defects(signals, texts)
     findings.judge("A1", defects, ", ".join(texts))
+
+
+def _why_slider_moves_more(signals: RunSignals, share: float) -> str:
+    """
+    Return what may be the cause of a slider that moves more than the rod in the fastest sine.
+
+    The slower the sine, the better the slider follows the rod. With the two swapped it seems
+    the other way round; with a wrong unit both are wrong by the same factor.
+    """
+    label, frequency = signals.sines[-1]
+    text = f"at {frequency:g} Hz slider/velocity shows {share:.3g} times the motion of rod/velocity"
+    label, frequency = signals.sines[0]
+    rod, slider = (signals.sine(c, label, frequency) for c in _MOVING)
+    if len(signals.sines) < 2 or rod is None or slider is None or not rod.is_seen:
+        return f"channels swapped, or a wrong unit: {text}"
+    slow = abs(slider.phasor) / abs(rod.phasor)
+    text += f", at {frequency:g} Hz {slow:.3g} times"
+    if slow < share:
+        return f"channels swapped: {text}, but it is the rod that follows the voltage"
+    return f"wrong unit of slider/velocity or rod/velocity: {text}"
 
 
 def _rod_defects(signals: RunSignals, texts: list[str]) -> Iterator[str]:

@@ -115,12 +115,20 @@ def fault_defects(record: RunRecord, text: str = "") -> Iterator[str]:
         return
     if text and text not in faults[0].fault:
         yield f"the fault {faults[0].fault!r} does not say {text!r}"
+    if _was_on(record) and not faults[0].flags & SampleFlag.RAMPED_DOWN:
+        yield "the fault is told without FLAG_RAMPED_DOWN, although the voltage was on"
     before = max((one.consumed for one in record.progress if not one.fault), default=0)
     if any(one.consumed > before for one in faults):
         yield f"acknowledges samples with its fault ({faults[0].consumed} after {before})"
     place = record.progress.index(faults[0])
     if any(not one.fault for one in record.progress[place + 1 :]):
         yield "goes on acknowledging after its fault"
+
+
+def _was_on(record: RunRecord) -> bool:
+    """Whether the monitor showed voltage with the last samples acknowledged."""
+    shown = record.samples(VOLTAGE_MONITOR.name)[: record.consumed]
+    return bool(shown.size) and abs(float(shown[-1])) > 5.0 * voltage_tolerance(record)
 
 
 def clipping_defects(record: RunRecord, low: float, high: float) -> Iterator[str]:

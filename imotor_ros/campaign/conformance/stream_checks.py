@@ -23,6 +23,10 @@ QUANTITIES: Mapping[str, tuple[str, str]] = {
 """Quantity and unit of every measured channel."""
 
 
+_FAR = 3.0
+"""No instrument shows so many times its range; what does has another unit."""
+
+
 def check_streams(
     record: RunRecord, streams: Sequence[str], findings: Findings, *, to_the_end: bool = True
 ) -> None:
@@ -157,9 +161,10 @@ def _number_defect(one: Published, bound: float) -> str:
     largest = float(np.abs(samples).max(initial=0.0))
     is_flagged = bool(one.block.flags & SampleFlag.OVER_RANGE)
     if largest > bound and not is_flagged:
+        hint = ": is the unit wrong?" if largest > _FAR * bound else ""
         return (
             f"block {one.block.sequence} shows {largest:.4g} without FLAG_OVER_RANGE, "
-            f"range {bound:.4g}"
+            f"range {bound:.4g}{hint}"
         )
     return ""
 
