@@ -13,6 +13,7 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -64,6 +65,11 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--resume", action="store_true", help="leave out points that DIR has results of"
     )
+    parser.add_argument(
+        "--jobs", type=int, metavar="N",
+        help="runs at a time on the bench in one process, by default one for each core; "
+        "the results are the same",
+    )  # fmt: skip
 
 
 def run(options: argparse.Namespace) -> int:
@@ -168,6 +174,11 @@ def check_surroundings(namespace: str) -> None:
 def make_bench(kind: str, output: Path, namespace: str = DEFAULT_NAMESPACE) -> Bench:
     """Return a bench of the kind "ros", with nodes in a namespace, or "sim"."""
     if kind == "sim":
+        if namespace != DEFAULT_NAMESPACE:
+            raise BadInputError(
+                "is for nodes: the bench in one process has none", where="--namespace",
+                value=namespace, bound="--bench ros",
+            )  # fmt: skip
         from imotor_ros.campaign.sim_bench import SimBench
 
         return SimBench()
@@ -182,17 +193,19 @@ def carry_out(
 ) -> tuple[PointResult, ...]:
     """Carry out a campaign, showing progress, and return the results of its points."""
     results: tuple[PointResult, ...] = ()
-    with (
-        make_bench(options.bench, output, options.namespace) as bench,
-        CampaignProgress() as progress,
-    ):
+    try:
+        made, jobs = make_bench(options.bench, output, options.namespace), _jobs(options)
+    except BadInputError:
+        _remove_empty(output)
+        raise
+    with made as bench, CampaignProgress() as progress:
         events = run_campaign(
             campaign,
             bench,
             output,
             resume=options.resume,
             provenance=lambda: {**provenance(), "bench": bench.name},
-            jobs=len(os.sched_getaffinity(0)) if options.bench == "sim" else 1,
+            jobs=jobs,
         )
         try:
             for event in events:
@@ -207,7 +220,28 @@ def carry_out(
                 file=sys.stderr,
             )
             raise
+        except BadInputError:
+            _remove_empty(output)
+            raise
     return results
+
+
+def _jobs(options: argparse.Namespace) -> int:
+    """Return how many runs go on at a time."""
+    jobs: int | None = getattr(options, "jobs", None)
+    if jobs is None:
+        return len(os.sched_getaffinity(0)) if options.bench == "sim" else 1
+    if jobs < 1 or (jobs > 1 and options.bench != "sim"):
+        bound = ">= 1" if options.bench == "sim" else "1: there is one stand"
+        raise BadInputError("is out of bounds", where="--jobs", value=jobs, bound=bound)
+    return jobs
+
+
+def _remove_empty(output: Path) -> None:
+    """Remove the folder of a campaign that was refused, if nothing came to be in it."""
+    for folder in (output / "logs", output):
+        with suppress(OSError):  # it is not there, or not empty
+            folder.rmdir()
 
 
 def report(results: Sequence[PointResult], output: Path, *, as_json: bool) -> None:

@@ -185,7 +185,9 @@ def summarise(table: PeriodTable, *, has_load: bool) -> Summary:
     else:
         reasons["ripple"] = "the slider does not move on the average"
     if speed > 0.0:
-        durability = abs(mean) / speed
+        durability = abs(mean) / speed if moves else 0.0
+        if not moves:
+            reasons["durability"] = "the slider does not move on the average"
     else:
         reasons["durability"] = "the slider never slides"
     force = float(table.mean_load_force[last].mean()) if has_load else math.nan

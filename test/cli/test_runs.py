@@ -92,11 +92,12 @@ def test_failed_point_is_code_1_and_the_others_are_shown(
 
     monkeypatch.setattr(sim_bench.SimBench, "run", run)
     output = tmp_path / "out"
-    answer = imotor("run", campaign_file, "--bench", "sim", "--output", output, "--json")
+    one = ("--bench", "sim", "--jobs", 1)  # where the patch is
+    answer = imotor("run", campaign_file, *one, "--output", output, "--json")
     assert answer.code == 1
     assert [point["status"] for point in answer.json["points"]] == ["failed", "done"]
     assert "plant: the amplifier tripped" in answer.err
-    again = imotor("run", campaign_file, "--bench", "sim", "--output", output, "--resume")
+    again = imotor("run", campaign_file, *one, "--output", output, "--resume")
     assert again.code == 1
     assert "failed: plant: the amplifier tripped" in again.out
 
@@ -135,7 +136,8 @@ def test_interrupted_run_says_how_to_go_on(
         yield
 
     monkeypatch.setattr(sim_bench.SimBench, "run", run)
-    answer = imotor("run", campaign_file, "--bench", "sim", "--output", tmp_path / "out")
+    output = ("--output", tmp_path / "out")
+    answer = imotor("run", campaign_file, "--bench", "sim", "--jobs", 1, *output)
     assert answer.code == 130
     assert f"go on with: --output {tmp_path / 'out'} --resume" in answer.err
     assert "interrupted" in answer.err
@@ -263,6 +265,21 @@ def test_replay_without_a_word_is_code_1(
     answer = imotor("replay", bag, "--json")
     assert answer.code == 1
     assert answer.error == "the evaluator reported nothing"
+
+
+def test_namespace_is_for_nodes(imotor: Imotor, campaign_file: Path, tmp_path: Path) -> None:
+    answer = imotor(
+        "run", campaign_file, "--bench", "sim", "--namespace", "mine", "--output", tmp_path / "out"
+    )
+    assert answer.code == 2
+    assert "--namespace: is for nodes" in answer.error
+    assert not (tmp_path / "out").exists()
+    for bench, jobs in (("sim", 0), ("ros", 2)):
+        answer = imotor(
+            "run", campaign_file, "--bench", bench, "--jobs", jobs, "--output", tmp_path / "out"
+        )
+        assert answer.code == 2
+        assert "--jobs: is out of bounds" in answer.error
 
 
 # ---- progress ------------------------------------------------------------------------------------

@@ -130,6 +130,7 @@ def test_second_stand_in_the_namespace_is_refused(
         _, errors = other.communicate(timeout=MOMENT_DEADLINE)
         assert other.returncode == 2, errors
         assert f"namespace {namespace}: is taken" in errors
+        assert not (second / "out").exists(), "what was refused leaves nothing"
         assert len(nodes_of(domain)) == 7
         assert command.poll() is None
     finally:
