@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -245,3 +246,15 @@ def test_what_would_silently_be_something_else_is_refused(
 ) -> None:
     with pytest.raises(BadInputError, match=text):
         campaign_from_mapping(mapping)
+
+
+def test_campaign_of_the_documentation_has_as_many_runs_as_it_says(tmp_path: Path) -> None:
+    text = (PARAMS.parent / "docs" / "campaigns.md").read_text(encoding="utf-8")
+    block = next(part for part in text.split("\n\n") if part.startswith("    name: "))
+    (tmp_path / "stands").mkdir()
+    stand = (PARAMS / "stands" / "paper.yaml").read_text(encoding="utf-8")
+    write(tmp_path / "stands", stand, "paper.yaml")
+    (tmp_path / "campaigns").mkdir()
+    campaign = load_campaign(write(tmp_path / "campaigns", textwrap.dedent(block)))
+    assert "= 72 runs" in text
+    assert len(campaign.points) == 72
