@@ -572,7 +572,8 @@ class DriverCheck:
         length = record.program.length
         defects = []
         if record.consumed != length and not record.fault:
-            told = f"acknowledges {record.consumed} samples"
+            told = "" if is_at_zero(record) else "ignores the stop: "
+            told += f"acknowledges {record.consumed} samples"
             defects.append(f"{told} of a program that was stopped at {length}")
         ends = {stream: record.end_index(stream) for stream in self._streams}
         late = {stream: end for stream, end in ends.items() if end > length}
