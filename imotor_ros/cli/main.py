@@ -33,6 +33,7 @@ VERBS = {
     "replay": "play a recorded run through the topics to the evaluator",
     "recover": "mend a bag whose recorder was killed",
     "info": "describe a recorded run",
+    "export": "write the waveforms of a recorded run for PlotJuggler, Foxglove or a table",
     "check-driver": "check that a driver does what the stand asks of one",
     "bench": "run a benchmark of bench/",
 }
