@@ -62,6 +62,11 @@ class SimulatedCard:
     clock : callable
         Returns the time (s) by which it is paced.
 
+    Attributes
+    ----------
+    underruns : int
+        How often the output memory was empty and the clock had to stop, since the start.
+
     """
 
     def __init__(
@@ -84,7 +89,9 @@ class SimulatedCard:
         self._queued = 0
         self._due = 0.0
         self._seen = clock()
+        self._has_begun = False
         self._motor: VirtualMotor | None = None
+        self.underruns = 0
 
     def start(self, sample_rate: float, seed: int) -> None:
         """Start anew at rest with a sample rate (Hz); `seed` is of what is random in this world."""
@@ -95,7 +102,8 @@ class SimulatedCard:
         self._slider = Vibrometer(rig.slider_vibrometer, sample_rate, seed, SLIDER_VELOCITY)
         self._force = ForceSensor(rig.force_sensor, sample_rate, seed, LOAD_FORCE)
         self._queue.clear()
-        self._queued = 0
+        self._queued = self.underruns = 0
+        self._has_begun = False
         self._due, self._seen = 0.0, self._clock()
 
     def data_sheets(self) -> dict[str, ChannelDescription]:
@@ -124,6 +132,8 @@ class SimulatedCard:
         if len(volts) and not float(np.abs(volts).max()) <= OUTPUT_RANGE:
             raise InstrumentError(_NAME, "write", f"beyond +-{OUTPUT_RANGE:g} V")
         if not self._queued:
+            self.underruns += self._has_begun
+            self._has_begun = True
             self._due, self._seen = 0.0, self._clock()  # the clock stood
         self._queue.append(volts)
         self._queued += len(volts)

@@ -130,6 +130,11 @@ class TemplateDriverNode(CardDriverNode[TemplateParameters]):
         samples = {name: sensitivities[name] * values for name, values in volts.items()}
         return Measured(samples, flags, drive_flags(flags))
 
+    def status_values(self) -> dict[str, object]:
+        """Return what the diagnostics show: also how often the card had nothing to put out."""
+        underruns = self._card.underruns if self._card else 0
+        return {**super().status_values(), "underruns": underruns}
+
     def switch_off(self) -> None:
         """Put out 0 V at once."""
         self.card.reset()

@@ -84,6 +84,7 @@ def test_card_is_paced_by_its_clock_and_holds_when_its_memory_is_empty() -> None
     assert len(card.read()[0][VOLTAGE]) == pytest.approx(3_000, abs=1), "no more than it has"
     card.write(np.zeros(5_000))
     assert card.read() == ({}, {}), "the clock stood while the memory was empty"
+    assert card.underruns == 1
 
 
 def test_card_is_the_same_however_it_is_read() -> None:
