@@ -185,8 +185,13 @@ def test_campaigns_of_the_project_load(path: Path) -> None:
 
 
 def test_every_parameter_file_lies_in_a_folder_that_a_test_reads() -> None:
-    """Campaigns here, motors and stands in test/core/test_stand.py; a new kind needs a test."""
-    known = {"campaigns", "motors", "stands"}
+    """
+    A new kind needs a test.
+
+    Campaigns are read here, motors and stands in test/core/test_stand.py, what belongs to a bench
+    of instruments in test/nodes/scpi/test_files.py.
+    """
+    known = {"campaigns", "motors", "stands", "benches", "dialects", "laboratories"}
     files = [path for path in PARAMS.rglob("*") if path.is_file()]
     strange = [p for p in files if p.suffix == ".yaml" and p.parent.name not in known]
     assert not strange

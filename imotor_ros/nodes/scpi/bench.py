@@ -23,7 +23,7 @@ from imotor_ros.nodes.scpi.instrument import Instrument
 from imotor_ros.nodes.scpi.link import LinkMaker
 from imotor_ros.nodes.scpi.oscilloscope import POLL_TIME, Oscilloscope
 from imotor_ros.nodes.scpi.rates import RatePlan, plan_rate
-from imotor_ros.nodes.scpi.settings import BenchSettings, describe
+from imotor_ros.nodes.scpi.settings import BenchSettings, describe, step_of
 
 _TRIGGER_LATENCY = 5e-3
 """Longest time (s) from sending the trigger to the first sample of the record."""
@@ -270,7 +270,8 @@ class Bench:
                     f"the trigger, which does not hold the run's {length / rate:.6g} s",
                 )
             volts, is_limited = record.read(delay, 1.0 / rate, length)
-            values = samples[name] = volts * one.factor
+            step = step_of(name, self.settings)
+            values = samples[name] = np.rint(volts * (one.factor / step)) * step
             limited[name] = is_limited | (np.abs(values) >= one.span)
         return Measurement(samples, limited, ramped_from)
 

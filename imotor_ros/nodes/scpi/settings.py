@@ -228,6 +228,13 @@ def unit_of(name: str) -> str:
     return _QUANTITIES[name][1]
 
 
+def step_of(name: str, settings: BenchSettings) -> float:
+    """Return the step of a channel (SI unit): that of the oscilloscope's converter."""
+    channel = settings.channels[name]
+    bits = settings.oscilloscopes[channel.oscilloscope].bits
+    return float(2.0 * channel.input_range * abs(channel.factor) / 2**bits)
+
+
 def describe(
     name: str, settings: BenchSettings, rate: float, identities: dict[int, str]
 ) -> ChannelDescription:
@@ -248,15 +255,16 @@ def describe(
     Notes
     -----
     The steps of the converter count as white noise of variance step^2/12 up to half the sample
-    rate, and as an uncertainty of the zero of the same size, for a signal that stays within one.
+    rate, twice, since what is read between its samples is rounded to steps again; and as an
+    uncertainty of the zero of step/sqrt(12), for a signal that stays within one.
     """
     channel = settings.channels[name]
     scope = settings.oscilloscopes[channel.oscilloscope]
     scale = abs(channel.factor)
-    step = 2.0 * channel.input_range * scale / 2**scope.bits
+    step = step_of(name, settings)
     zero = scope.offset_uncertainty * channel.input_range * scale
     quantity, unit = _QUANTITIES[name]
-    noise = step**2 / 12.0 / (rate / 2.0)
+    noise = 2.0 * step**2 / 12.0 / (rate / 2.0)
     identity = identities.get(channel.oscilloscope, "")
     return ChannelDescription(
         name=name,

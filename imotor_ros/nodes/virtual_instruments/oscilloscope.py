@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from scipy.ndimage import map_coordinates
@@ -65,6 +66,7 @@ class VirtualOscilloscope(Instrument):
 
     def reset(self) -> None:
         """Forget the acquisition."""
+        self._acquisition = object()
         self.inputs = {number: Input() for number in self._wires}
         self.state = IDLE
         self.rate, self.points, self.before = 1e6, 1000, 500
@@ -81,6 +83,7 @@ class VirtualOscilloscope(Instrument):
 
     def arm(self) -> None:
         """Wait for the trigger."""
+        self._acquisition = object()
         for one in self.inputs.values():
             one.codes = None
         self.state = ARMED
@@ -91,18 +94,22 @@ class VirtualOscilloscope(Instrument):
         self.state = RECORDING
         # the converter's clock does not know when the trigger comes
         self.origin = (-self.before + self._random.uniform(0.0, 1.0)) / self.rate
-        return self._take
+        return partial(self._take, self._acquisition)
 
-    def _take(self, signals: Signals) -> None:
+    def _take(self, acquisition: object, signals: Signals) -> None:
+        """Take the record, unless another acquisition has begun meanwhile."""
         times = self.origin + np.arange(self.points) / self.rate
         places = (times - signals.start) * signals.rate
+        taken: dict[int, np.ndarray] = {}
         for number, one in self.inputs.items():
             volts = signals.volts[self._wires[number]]
             seen = map_coordinates(volts, places[None], order=5, mode="nearest")
             half = 2 ** (self._bits - 1)
             codes = np.rint(seen * self._gains[number] / (one.span / (2 * half)))
-            one.codes = np.clip(codes, -half, half - 1).astype(np.int64)
-        if self.state == RECORDING:
+            taken[number] = np.clip(codes, -half, half - 1).astype(np.int64)
+        if self.state == RECORDING and acquisition is self._acquisition:
+            for number, record in taken.items():
+                self.inputs[number].codes = record
             self.state = DONE
 
     def words(self) -> np.ndarray:
