@@ -10,6 +10,7 @@ from imotor_ros.campaign.roles.instrument import Instrument, InstrumentRole
 from imotor_ros.contracts.blocks import SampleBlock
 from imotor_ros.contracts.messages import channel_to_message
 from imotor_ros.contracts.topics import CHANNELS, Topic
+from imotor_ros.core.channel import SampleFlag, flag_names
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.nodes.run_follower import RunFollowerNode
 from imotor_ros.nodes.stand_node import NodeParameters
@@ -27,6 +28,7 @@ class InstrumentNode(RunFollowerNode[P]):
     truth_topic: Topic
     measured_topic: Topic
     _role: InstrumentRole | None = None
+    _flags = 0
     _channels: Publisher | None = None
 
     def make_instrument(self, sample_rate: float, channel: str) -> Instrument:
@@ -44,7 +46,7 @@ class InstrumentNode(RunFollowerNode[P]):
         """Make the instrument ready, and say what its channel is."""
         name = self.subject(self.measured_topic)
         instrument = self.make_instrument(program.sample_rate, name)
-        self._role = InstrumentRole(instrument, program)
+        self._role, self._flags = InstrumentRole(instrument, program), 0
         for channel in self._role.channels:
             message = channel_to_message(self.types, channel, program.run_id, program.epoch)
             self.publish(self._channels, message)
@@ -52,4 +54,24 @@ class InstrumentNode(RunFollowerNode[P]):
     def process_block(self, block: SampleBlock) -> None:
         """Measure a block."""
         assert self._role is not None
-        self.publish_block(self._role.process(block))
+        measured = self._role.process(block)
+        self._flags |= measured.flags
+        self.publish_block(measured)
+
+    def status_values(self) -> dict[str, object]:
+        """Return run id, channel, samples and flags of the run."""
+        if self._role is None:
+            return {}
+        ledger = self._role.ledger
+        return {
+            "run_id": ledger.run_id,
+            "channel": ledger.stream,
+            "samples": ledger.received,
+            "lost": ledger.lost,
+            "flags": flag_names(self._flags),
+        }
+
+    def warning(self) -> str:
+        """Return what the instrument could not measure."""
+        limited = self._flags & ~SampleFlag.RAMPED_DOWN
+        return f"measured with {flag_names(limited)}" if limited else ""
