@@ -14,7 +14,6 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from typing import Any, Self
 
 from imotor_ros.errors import BadInputError, UnknownKeyError
@@ -250,11 +249,15 @@ class Parameters:
         return dataclasses.replace(self, **changes)
 
 
-@cache
-def _checked_fields(
-    parameters_class: type[Parameters],
-) -> tuple[tuple[dataclasses.Field[Any], FieldInfo | _Group], ...]:
+_Fields = tuple[tuple[dataclasses.Field[Any], FieldInfo | _Group], ...]
+
+_known_fields: dict[type[Parameters], _Fields] = {}
+
+
+def _checked_fields(parameters_class: type[Parameters]) -> _Fields:
     """Return the fields of a class and what is known about each; their defaults are accepted."""
+    if parameters_class in _known_fields:
+        return _known_fields[parameters_class]
     found = []
     for field in dataclasses.fields(parameters_class):
         info = field.metadata[_KEY]
@@ -262,7 +265,7 @@ def _checked_fields(
             where = f"{parameters_class.__name__}.{field.name}"
             _checked(field.default, field, info, where)
         found.append((field, info))
-    return tuple(found)
+    return _known_fields.setdefault(parameters_class, tuple(found))
 
 
 def deciding_choice(parameters_class: type[Parameters], leaf: str) -> str:
