@@ -543,7 +543,7 @@ class DriverCheck:
         self._settle(record)
         self._probe.close_run()
         self._judge_stop(record, planned)
-        if record.fault:
+        if record.fault or not record.is_complete(self._streams):
             self._reactivate()
         if self._collects_first:
             self._stop_what_is_played()
