@@ -15,16 +15,19 @@ from bootstrap.layout import WHEELS, Layout
 ROOT = Path(__file__).resolve().parents[2]
 
 
-def test_every_package_is_pinned_once():
+def test_every_package_is_pinned_to_one_version():
+    """Two extras may need the same package; nobody has two versions of it."""
     sections = requirements.read_sections(str(ROOT))
     assert set(sections) >= {"installer", "run", "ros", "build", "test", "bench"}
-    names = [
-        pin.split("==")[0].lower()
-        for section, pins in sections.items()
-        if section != "numpy-of-ros"
-        for pin in pins
-    ]
+    sections.pop("numpy-of-ros")
+    for pins in sections.values():
+        assert len({pin.split("==")[0].lower() for pin in pins}) == len(pins)
+    pinned = {pin.lower() for pins in sections.values() for pin in pins}
+    names = [pin.split("==")[0] for pin in pinned]
     assert sorted(names) == sorted(set(names))
+    needed_always = {pin.lower() for pin in sections["run"]}
+    for extra in ("test", "bench", "dask"):
+        assert not needed_always & {pin.lower() for pin in sections[extra]}
 
 
 def test_later_section_overrides_earlier_one():
