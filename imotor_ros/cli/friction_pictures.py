@@ -65,7 +65,7 @@ def draw_figures(found: Identification, bag_path: Path, output: Path) -> dict[st
     }
     paths = {name: output / f"{name}.png" for name in figures}
     for name, figure in figures.items():
-        figure.savefig(paths[name], dpi=130)
+        figure.savefig(paths[name], dpi=100)
     return paths
 
 
@@ -82,14 +82,21 @@ def _new_figure(size: tuple[float, float], title: str) -> Any:
 
 def _characteristics(found: Identification, measured: Sequence[StepResult]) -> Any:
     figure = _new_figure((10, 6.5), "Slider velocity under a sine: reconstructed, and by the law")
+    examples = _examples(measured)
     panels = figure.subplots(2, 2).ravel()
-    for axes, result, letter in zip(panels, _examples(measured), _LETTERS, strict=False):
+    for axes, result, letter in zip(panels, examples, _LETTERS, strict=False):
         one = _measurement(result)
         _draw_period(axes, found, one)
         regime = _REGIME_NAMES[result.regime]
         axes.set_title(f"({letter}) {1e6 * one.rod_amplitude:.2f} µm: {regime}", fontsize=10)
+    _remove_empty(panels, len(examples))
     panels[0].legend(loc="upper right", frameon=False, fontsize=8)
     return figure
+
+
+def _remove_empty(panels: Sequence[Any], used: int) -> None:
+    for axes in panels[used:]:
+        axes.remove()
 
 
 def _examples(measured: Sequence[StepResult]) -> list[StepResult]:
@@ -129,8 +136,8 @@ def _time_series(
     figure = _new_figure((10, 6.5), f"Measured velocities at {found.frequency:g} Hz, as sampled")
     panels = figure.subplots(2, 2).ravel()
     rising = [one for one in measured if one.step.branch == RISING] or list(measured)
-    for axes, amplitude in zip(panels, _FIGURE_8, strict=True):
-        step = min(rising, key=lambda one: abs(_measurement(one).rod_amplitude - amplitude))
+    steps = _closest(rising, _FIGURE_8)
+    for axes, step, letter in zip(panels, steps, _LETTERS, strict=False):
         first = step.step.end - round((_PERIODS_SHOWN + 1.0) * rate / found.frequency)
         last = first + round(_PERIODS_SHOWN * rate / found.frequency)
         for name, colour in ((ROD_VELOCITY, _ROD), (SLIDER_VELOCITY, _SLIDER)):
@@ -138,11 +145,25 @@ def _time_series(
             late = round(record.channel.delay * rate)
             time = np.arange(last - first) / rate * 1e3
             shown = 1e3 * record.samples[first + late : last + late]
-            axes.plot(time, shown, color=colour, linewidth=1.1, label=name)
-        axes.set_title(f"{1e6 * _measurement(step).rod_amplitude:.2f} µm", fontsize=10)
+            axes.plot(time, shown, color=colour, linewidth=1.1, label=name.partition("/")[0])
+        axes.set_title(f"({letter}) {1e6 * _measurement(step).rod_amplitude:.2f} µm", fontsize=10)
         _label(axes, "time (ms)", "velocity (mm/s)")
-    panels[0].legend(loc="lower left", frameon=False, fontsize=8)
+    _remove_empty(panels, len(steps))
+    # above the curves, which would be crossed by it
+    low, high = panels[0].get_ylim()
+    panels[0].set_ylim(low, high + 0.2 * (high - low))
+    panels[0].legend(loc="upper right", frameon=False, fontsize=8, ncols=2)
     return figure
+
+
+def _closest(steps: Sequence[StepResult], amplitudes: Sequence[float]) -> list[StepResult]:
+    """Return the steps closest to some amplitudes (m), each once."""
+    found: list[StepResult] = []
+    for amplitude in amplitudes:
+        one = min(steps, key=lambda step: abs(_measurement(step).rod_amplitude - amplitude))
+        if one not in found:
+            found.append(one)
+    return found
 
 
 # ---- figure 9: friction force over relative speed -----------------------------------------------
@@ -155,10 +176,11 @@ def _forces(found: Identification, measured: Sequence[StepResult]) -> Any:
     fitted = [_measurement(one) for one in measured if one.is_fitted]
     for fit in found.fits.values():
         _draw_fit(force, residual, found, fitted, fit)
-    force.axvline(1e3 * found.threshold, color="#bbbbbb", linestyle=":", linewidth=1.0)
+    threshold = {"color": "#888888", "linestyle": ":", "linewidth": 1.2}
+    force.axvline(1e3 * found.threshold, label="threshold of the fits", **threshold)
     force.legend(loc="lower right", frameon=False, fontsize=8)
-    _label(force, "", "m mean|a$_S$| (N)")
-    _label(residual, "mean relative speed (mm/s)", "residual (mN)")
+    _label(force, "", "dynamic friction force m$_S$ mean|a$_S$| (N)")
+    _label(residual, "mean relative speed (mm/s)", "measured less fitted (mN)")
     residual.axhline(0.0, color="#bbbbbb", linewidth=1.0)
     if found.fits:
         reach = 6e3 * min(fit.scatter for fit in found.fits.values())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from imotor_ros.core.friction import FrictionLaw
 from imotor_ros.errors import BadInputError
 
 Imotor = Callable[..., Any]
+
+ROOT = Path(__file__).parents[2]
 
 CAMPAIGN = """
 name: small
@@ -64,6 +67,14 @@ def test_run_leaves_law_numbers_and_pictures(identified: Path) -> None:
     for number in (7, 8, 9):
         picture = identified / f"figure_{number}.png"
         assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_documented_keys_are_those_of_the_result(identified: Path) -> None:
+    text = (ROOT / "docs" / "friction_identification.md").read_text()
+    rows = re.findall(r"^\| (`.*?) \|", text.partition("## Keys of")[2], re.MULTILINE)
+    documented = {key for row in rows for key in re.findall(r"`(\w+)`", row)}
+    found = json.loads((identified / "identification.json").read_text())
+    assert documented == {"bag", "output", "files", *found}
 
 
 def test_recorded_run_gives_the_same_numbers(
