@@ -13,6 +13,7 @@ import signal
 from collections.abc import Callable, Generator
 from contextlib import suppress
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
@@ -177,6 +178,21 @@ class _Worker:
             self._process.kill()
             self._process.join()
         self.connection.close()
+
+
+def prepare_workers() -> None:
+    """
+    Let the server that workers are forked from import what they need, while we import it.
+
+    To be called in the main thread.
+    """
+    context_of_workers()
+    # a Ctrl-C is for us and for the workers, not for the server
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def context_of_workers() -> Any:

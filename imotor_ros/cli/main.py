@@ -10,6 +10,7 @@ import argparse
 import os
 import re
 import sys
+import threading
 from collections.abc import Mapping, Sequence
 from importlib import import_module
 from typing import Any, NoReturn
@@ -111,6 +112,8 @@ def _dispatch(arguments: list[str]) -> int:
         raise BadInputError(
             "is not a verb", where="imotor", value=verb, bound="one of " + ", ".join(VERBS)
         )
+    if verb == "run" and "sim" in rest:
+        _prepare_workers()
     module = import_module(f"imotor_ros.cli.{verb.replace('-', '_')}")
     parser = Parser(
         prog=f"imotor {verb}",
@@ -126,6 +129,12 @@ def _dispatch(arguments: list[str]) -> int:
     except BadInputError as error:
         raise in_words_of(parser, error) from error
     return result
+
+
+def _prepare_workers() -> None:
+    """Start what takes as long as all of our imports beside them."""
+    if threading.current_thread() is threading.main_thread():
+        import_module("imotor_ros.campaign.workers").prepare_workers()
 
 
 def _overview() -> str:
