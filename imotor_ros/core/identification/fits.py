@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -309,7 +309,7 @@ def _fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap, counts: Array) -> F
         "decay_velocity": (found[3], drawn[:, 3]),
     }
     estimates = {
-        name: bootstrap.estimate(float(value), values, max(freedom, 1), n)
+        name: _not_below_zero(bootstrap.estimate(float(value), values, max(freedom, 1), n))
         for name, (value, values) in columns.items()
     }
     estimates["zero_speed_force"] = estimates["static_force"]
@@ -317,6 +317,10 @@ def _fit_stribeck(steps: SlidingSteps, bootstrap: Bootstrap, counts: Array) -> F
     fitted = found[0] + found[1] * steps.mean_speeds + found[2] * decayed
     residuals = steps.forces - fitted
     return FrictionFit(STRIBECK, estimates, residuals, _information(residuals, 4), _remark(found))
+
+
+def _not_below_zero(estimate: Estimate) -> Estimate:
+    return replace(estimate, low=max(estimate.low, 0.0))
 
 
 def _remark(found: Array) -> str:
