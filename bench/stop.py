@@ -5,8 +5,9 @@ Run as `python bench/stop.py [REPETITIONS]` after `eval "$(./imotor shell-env)"`
 and rod vibrometer run as processes of their own. The service `drive/stop` is called while a
 program is held, in each part of a program, in trials of an excitation, three times at once, and
 while a goal is taken; then the generator is killed with SIGKILL. Counted are the samples from
-what the driver had acknowledged when the generator got the request (or was killed) to the first
-after which the voltage monitor stays at zero. Repetitions differ in when the request comes.
+what the driver had acknowledged when the generator got the request, or from the last that came
+of a generator that was killed, to the first after which the voltage monitor stays at zero.
+Repetitions differ in when the request comes.
 """
 
 from __future__ import annotations
@@ -260,7 +261,6 @@ def kill_generator(bench: StopBench, case: Case, consumed: int) -> None:
     begin = time.monotonic()
     process = bench.stand.processes.pop("signal_generator")
     os.kill(process.pid, signal.SIGKILL)
-    acknowledged = int(bench.progress[-1].consumed)
     length = bench.plan.program.length
     bench.client.spin_until(
         lambda: bool(bench.progress[-1].fault) or bench.progress[-1].consumed == length,
@@ -276,7 +276,7 @@ def kill_generator(bench: StopBench, case: Case, consumed: int) -> None:
         "the ramp",
         DEADLINE,
     )
-    bench.note(case, acknowledged)
+    bench.note(case, int(bench.progress[-1].consumed))
 
 
 def measure(folder: Path, namespace: str, repetitions: int, kills: int) -> list[Case]:
