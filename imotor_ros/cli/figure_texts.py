@@ -72,7 +72,8 @@ def figure_5(response: MeasuredResponse) -> Entry:
         "the curve of the paper is not known; the virtual stator has two modes that fit the four "
         "amplitudes and phases of the linear row in table 1, and a hysteresis that fits the other. "
         "Between and beyond these frequencies it is an assumption.",
-        "./imotor frequency-response --bench sim",
+        "./imotor frequency-response --bench sim --lowest-frequency 500 --highest-frequency 50e3 "
+        "--points 60",
         "figure_5.png",
         "Magnitude and phase of the admittance and its coherence over frequency.",
     )
