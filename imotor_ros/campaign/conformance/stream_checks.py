@@ -202,7 +202,7 @@ def _absences(record: RunRecord, streams: Iterable[str]) -> Iterator[str]:
         if stream not in record.descriptions:
             yield f"{stream} is published, but not described on channels"
     for name, one in record.descriptions.items():
-        if name not in streams:
+        if name not in streams and name not in record.blocks:
             yield f"{name} is described on channels, but not published"
         if one.epoch != record.program.epoch:
             yield f"{name}: stamp of its description is {one.epoch} ns, not that of sample 0"
