@@ -198,7 +198,7 @@ def prepare_workers() -> None:
 def context_of_workers() -> Any:
     """Return how workers are started: forked from a server, so that no thread of ours is copied."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["imotor_ros.campaign.tasks"])
+    context.set_forkserver_preload(["imotor_ros.campaign.tasks", "imotor_ros.campaign.sim_bench"])
     return context
 
 

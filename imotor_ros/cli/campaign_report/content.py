@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import os
+from collections.abc import Generator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from imotor_ros.bag.reader import RunBag
-from imotor_ros.campaign.runner import RESULTS_NAME
+from imotor_ros.campaign.results import RESULTS_NAME
+from imotor_ros.campaign.workers import Finished, work_in_processes
 from imotor_ros.core import channel
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.indicators import FREE_RUN
@@ -24,6 +26,7 @@ PERIODS_SHOWN = 4
 _BINS = 300
 _MOST_SAMPLES = 1000
 _DIGITS = 5
+_BAGS_PER_JOB = 4
 
 OVER_RUN = (
     (channel.SLIDER_VELOCITY, "slider velocity", "m/s"),
@@ -85,7 +88,35 @@ def collect(output: Path) -> ReportContent:
         bags = {point["name"]: output / point["bag"] for point in results["points"]}
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UnreadableFileError(f"cannot be read: {error}", where=str(path)) from error
-    return ReportContent(results, {name: read_waveforms(bag) for name, bag in bags.items()})
+    return ReportContent(results, _read_all(bags))
+
+
+@dataclass(frozen=True)
+class _Reading:
+    """A bag to be read in another process."""
+
+    number: int
+    name: str
+    path: Path
+
+    def carry_out(self) -> Generator[None, None, Waveforms]:
+        yield from ()
+        return read_waveforms(self.path)
+
+
+def _read_all(bags: Mapping[str, Path]) -> dict[str, Waveforms]:
+    """Read bags, in several processes where there are enough of them; return them in order."""
+    readings = [_Reading(number, name, path) for number, (name, path) in enumerate(bags.items())]
+    queue = iter(readings)
+    jobs = min(len(os.sched_getaffinity(0)), len(readings) // _BAGS_PER_JOB)
+    if jobs < 2:
+        return {one.name: read_waveforms(one.path) for one in readings}
+    found: dict[str, Waveforms] = {}
+    for step in work_in_processes(lambda: next(queue, None), jobs):
+        if isinstance(step, Finished):
+            problem = Waveforms(problem=step.death)
+            found[step.task.name] = problem if step.death else step.result
+    return {name: found[name] for name in bags}
 
 
 def read_waveforms(path: Path) -> Waveforms:
