@@ -13,6 +13,7 @@ Errors of the test stand.
     │   ├── DeadlineError (TimeoutError) something waited for did not come in time
     │   ├── SamplesLostError             samples of a stream are missing
     │   ├── DriveFaultError              the plant or driver reported a fault
+    │   ├── StoppedError                 an operator stopped the drive: no other run may start it
     │   ├── InstrumentError              an instrument of a bench does not do what it is told
     │   ├── ExcitationError              no voltage was found that moves the rod as wanted
     │   └── RecordingError (OSError)     a bag, results or a picture cannot be written
@@ -188,6 +189,18 @@ class InstrumentError(RunError):
         self.command = command
         self.what = what
         super().__init__(": ".join(part for part in (instrument, command, what) if part))
+
+
+class StoppedError(RunError):
+    """
+    An operator stopped the drive, e.g. by the service ``drive/stop``.
+
+    It concerns all runs that would come after: the voltage stays at zero until somebody starts
+    anew.
+    """
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"{what} was stopped by an operator; the voltage is at zero")
 
 
 class ExcitationError(RunError):

@@ -14,7 +14,7 @@ from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.campaign.predictions import predict_point
 from imotor_ros.core.friction import FrictionLaw
 from imotor_ros.core.indicators import Performance
-from imotor_ros.errors import BadInputError, DriveLimitError, ImotorError, RunError
+from imotor_ros.errors import BadInputError, DriveLimitError, ImotorError, RunError, StoppedError
 
 
 @dataclass(frozen=True)
@@ -122,6 +122,8 @@ def measure_run(
     ------
     BadInputError
         If the bench cannot carry out any run.
+    StoppedError
+        If an operator stopped the drive.
 
     """
     performance: Performance | None = None
@@ -138,7 +140,7 @@ def measure_run(
             raise RunError("the run ended without final indicators")
     except DriveLimitError as caught:
         return None, str(caught)
-    except BadInputError:  # what concerns the bench concerns all points
+    except (BadInputError, StoppedError):  # what concerns the bench concerns all points
         raise
     except ImotorError as caught:
         return None, str(caught)

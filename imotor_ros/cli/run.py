@@ -36,7 +36,7 @@ from imotor_ros.cli.main import main as run_verb
 from imotor_ros.cli.output import performance_table, print_json, table
 from imotor_ros.cli.progress import CampaignProgress
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
-from imotor_ros.errors import BadInputError, ImotorError
+from imotor_ros.errors import BadInputError, ImotorError, StoppedError
 
 _LAST_DOMAIN = 232
 """Highest ROS domain that has ports."""
@@ -213,7 +213,7 @@ def carry_out(
                 if isinstance(event, CampaignFinished):
                     results = event.results
                     write_report(output)
-        except KeyboardInterrupt:
+        except (KeyboardInterrupt, StoppedError):
             events.close()
             print(
                 f"stopped; go on with: --output {output} --resume",

@@ -9,9 +9,10 @@ from rclpy.task import Future
 from imotor_ros.campaign.bench import ExcitationAdvanced
 from imotor_ros.contracts.excitation_messages import excitation_from_message, refusal_from_message
 from imotor_ros.core.correction import Excitation, ExcitationRequest
-from imotor_ros.errors import ExcitationError
+from imotor_ros.errors import ExcitationError, StoppedError
 
 COMPLETED = "completed"
+CANCELLED = "cancelled"
 
 
 class ExcitationSearch:
@@ -75,12 +76,16 @@ class ExcitationSearch:
         ------
         DriveLimitError
             If a limit is in the way.
+        StoppedError
+            If an operator stopped the drive.
         ExcitationError
             If no voltage was found for another reason.
 
         """
         if self._result is not None and self._result.refusals:
             raise refusal_from_message(self._result.refusals[0])
+        if self._outcome == CANCELLED:
+            raise StoppedError("the search for the voltage")
         if self._outcome != COMPLETED:
             raise ExcitationError(self._outcome or "the signal generator gave no result")
         return excitation_from_message(self._request, self._result)

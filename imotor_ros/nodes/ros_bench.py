@@ -22,7 +22,7 @@ from imotor_ros.contracts.graph import Role
 from imotor_ros.contracts.messages import performance_from_message
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.core.correction import Excitation, ExcitationRequest
-from imotor_ros.errors import DriveFaultError, ImotorError
+from imotor_ros.errors import DriveFaultError, ImotorError, StoppedError
 from imotor_ros.nodes.excitation_search import ExcitationSearch
 from imotor_ros.nodes.node_parameters import Leaves, parameters_of_nodes
 from imotor_ros.nodes.process import NodeProcess
@@ -164,6 +164,8 @@ class RosBench:
         ------
         NodeDiedError
             If a node ends during the run.
+        StoppedError
+            If an operator stopped the drive.
         RunError
             If the run does not reach its end for another reason.
 
@@ -196,6 +198,10 @@ class RosBench:
     ) -> Iterator[RunEvent]:
         """Yield events until the program is played, evaluated and recorded."""
         yield from self._follow_drive(client, played, plan)
+        if played.outcome == "cancelled":
+            with suppress(ImotorError):  # the shortened run comes to its regular end
+                client.spin_until(lambda: client.is_recorded, "the bag to be closed", STOP_TIMEOUT)
+            raise StoppedError(f"run {plan.program.run_id}")
         if played.outcome != "completed":
             client.check_faults()  # the cause, where the drive was not
             raise DriveFaultError(played.outcome)

@@ -12,8 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from imotor_ros.bag.reader import RunBag
+from imotor_ros.nodes.middleware import join_graph
 
 CAMPAIGN = """
 name: long
@@ -27,9 +32,9 @@ MOMENT_DEADLINE = 90.0
 """Longest wait (s) for the moment to come."""
 
 
-def start(folder: Path, namespace: str) -> subprocess.Popen[str]:
+def start(folder: Path, namespace: str, campaign: str = CAMPAIGN) -> subprocess.Popen[str]:
     """Start a long campaign on the ROS graph."""
-    (folder / "long.yaml").write_text(CAMPAIGN)
+    (folder / "long.yaml").write_text(campaign)
     command = [sys.executable, "-m", "imotor_ros.cli", "run", "long.yaml", "--output", "out"]
     command += ["--namespace", namespace]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
@@ -102,6 +107,49 @@ def test_interrupt_leaves_nothing_running(
     elif (tmp_path / "out" / "point" / "bag").exists():
         with RunBag(tmp_path / "out" / "point" / "bag") as bag:
             assert re.match("cancelled|aborted|recovered", bag.end_state)
+
+
+def call_stop(namespace: str) -> str:
+    """Call the service drive/stop as an operator does, and return its answer."""
+    context = Context()
+    join_graph(context, [])
+    node, executor = Node("operator", context=context), SingleThreadedExecutor(context=context)
+    try:
+        executor.add_node(node)
+        client = node.create_client(Trigger, f"{namespace}/drive/stop")
+        assert client.wait_for_service(20.0), "no service drive/stop after 20 s"
+        answer = client.call_async(Trigger.Request())
+        executor.spin_until_future_complete(answer, 20.0)
+        assert answer.done(), "no answer of drive/stop after 20 s"
+        return str(answer.result().message)
+    finally:
+        executor.shutdown(timeout_sec=1.0)
+        node.destroy_node()
+        context.try_shutdown()
+
+
+def test_campaign_ends_when_an_operator_stops_the_drive(
+    tmp_path: Path, domain: int, namespace: str
+) -> None:
+    """The next run must not put the voltage on again behind the operator's back."""
+    two = CAMPAIGN + "points: [{name: point}, {name: next}]\n"
+    command = start(tmp_path, namespace, two)
+    try:
+        moment = moments(tmp_path, domain)["drive is under way"]
+        wait_for(moment, "the drive", MOMENT_DEADLINE)
+        call_stop(namespace)
+        _, errors = command.communicate(timeout=END_DEADLINE)
+    finally:
+        command.kill()
+    assert command.returncode == 1, errors
+    assert "was stopped by an operator; the voltage is at zero" in errors
+    assert "--resume" in errors
+    assert not (tmp_path / "out" / "next").exists()
+    wait_for(lambda: not nodes_of(domain), "the nodes to be gone", 5.0)
+    with RunBag(tmp_path / "out" / "point" / "bag") as bag:
+        assert bag.end_state == "cancelled"
+        samples, _, _ = bag.samples("drive/voltage_monitor")
+        assert abs(samples[-1]) < 0.1
 
 
 def test_killed_orchestrator_takes_its_nodes_along(
