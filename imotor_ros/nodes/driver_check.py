@@ -248,6 +248,7 @@ class DriverCheck:
     def _replay(self) -> None:
         self._transit(ACTIVATE)
         record = self._await_replay()
+        self._await_descriptions(record)
         check_streams(record, self._streams, self.findings)
         check_flow(record, self.findings)
         self._check_signals(record)
@@ -439,6 +440,7 @@ class DriverCheck:
 
     def _characterise(self) -> None:
         record = self._play_all(characterising_program(self._parameters, self._next_id("sines")))
+        self._await_descriptions(record)
         check_flow(record, self.findings)
         check_streams(record, self._streams, self.findings)
         if record.fault:
@@ -449,6 +451,13 @@ class DriverCheck:
         self._collects_first = collects_first(record)
         check_acknowledged_when_put_out(record, self.findings)
         self._check_signals(record)
+
+    def _await_descriptions(self, record: RunRecord) -> None:
+        """Give latched facts the time that discovery takes: they may come after the samples."""
+        self._probe.waits_for(
+            lambda: all(stream in record.descriptions for stream in self._streams),
+            self._deadlines.discovery,
+        )
 
     def _check_signals(self, record: RunRecord) -> None:
         check_channels(record, self._streams, self.findings)
