@@ -55,7 +55,10 @@ def test_help_of_every_verb(verb: str, capsys: pytest.CaptureFixture[str]) -> No
         (["signal", "--harmonics", "two"], "argument --harmonics: invalid int value: 'two'"),
         (["signal", "--harm", "2"], "imotor signal: "),
         (["signal", "--harmonics", "2", "--colour"], "unrecognized arguments: --colour"),
-        (["simulate", "--friction", "ice"], "argument --friction: invalid choice: 'ice'"),
+        (
+            ["simulate", "--harmonics", "2", "--max-frequency", "9e3", "--friction", "ice"],
+            "--friction: is neither a law nor a file, got 'ice'",
+        ),
         (["run"], "imotor run: the following arguments are required: CAMPAIGN.yaml"),
         (["run", "x.yaml", "--bench", "paper"], "argument --bench: invalid choice: 'paper'"),
         (["evaluate", "a", "b"], "imotor evaluate: unrecognized arguments: b"),
