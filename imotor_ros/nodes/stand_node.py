@@ -69,6 +69,9 @@ P = TypeVar("P", bound=NodeParameters)
 _DRAIN_TIMEOUT = 5.0
 """Longest time (s) that a node goes on reading after it was told to end."""
 
+_HAND_OVER_TIMEOUT = 3.0
+"""Longest time (s) that a node that ends waits for its readers to have what it sent."""
+
 _QUIET_TIME = 0.2
 """Time (s) without a message after which there is nothing left to read: some heartbeats."""
 
@@ -412,6 +415,13 @@ class StandNode(LifecycleNode, Generic[P]):
                 return f"a writer of {name}"
         return ""
 
+    def hand_over(self, timeout: float) -> None:
+        """See that readers have what was sent before the process ends; dead ones never will."""
+        deadline = time.monotonic() + timeout
+        for publisher in self._stream_publishers.values():
+            left = max(0.0, deadline - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=left))
+
     def _flush(self) -> None:
         for publisher in self._stream_publishers.values():
             publisher.wait_for_all_acked(Duration(seconds=self.parameters.publish_timeout))
@@ -483,6 +493,7 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
         pass
     finally:
         node.finish()
+        node.hand_over(_HAND_OVER_TIMEOUT)
         node.say_goodbye()
         executor.shutdown(timeout_sec=1.0)
         node.destroy_node()
