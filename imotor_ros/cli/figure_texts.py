@@ -23,6 +23,10 @@ _PAPER_ROWS = (
 )  # fmt: skip
 """Table 1. The phases of the displacement are those of sines, those of the voltages of cosines."""
 
+_FRICTION_COMMAND = (
+    "./imotor figures; with 40 steps each way instead of 24: ./imotor identify-friction --bench sim"
+)
+
 
 def figure_2() -> Entry:
     """Return the text of figure 2."""
@@ -156,7 +160,7 @@ def figure_8(found: Identification) -> Entry:
         f"the same from the run of {len(found.steps)} steps that figure 9 is made of, at the steps "
         "nearest to these amplitudes, as the virtual vibrometers sampled them, with their noise.",
         "the noise is that of data sheets, not of the instruments of the paper.",
-        "./imotor identify-friction --bench sim",
+        _FRICTION_COMMAND,
         "figure_8.png",
         "Four panels with the velocities of rod and slider over time, rising amplitude.",
     )
@@ -178,7 +182,7 @@ def figure_9(found: Identification) -> Entry:
         "equation (6) as printed integrates the relative acceleration; its own text and its result "
         "need that of the slider, which is used here. The constant depends on which speeds are in "
         "the fit, and the paper does not list them.",
-        "./imotor identify-friction --bench sim",
+        _FRICTION_COMMAND,
         "figure_9.png",
         "Friction force over relative speed with the fitted laws, and their residuals.",
     )
