@@ -12,10 +12,13 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 
 from imotor_ros.campaign.conformance.requirements import Result, Verdict
 from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.cli.main import main
+from imotor_ros.errors import BadInputError
+from imotor_ros.nodes.driver_nodes import find_driver
 
 Check = Callable[..., dict[str, Result]]
 
@@ -90,3 +93,53 @@ def test_bad_input_is_refused(
     assert out == ""
     assert text in err
     assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "my_rig:\n  ros__parameters: {block_length: 7, motor: {rate: 2.0}}",
+        "/stand/driver:\n  ros__parameters: {block_length: 7, motor.rate: 2.0}",
+        "ros__parameters: {block_length: 7, motor: {rate: 2.0}}",
+        "{block_length: 7, motor: {rate: 2.0}}",
+        "{block_length: 7, motor.rate: 2.0}",
+    ],
+)
+def test_parameters_reach_the_driver_under_any_name(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    (file,) = find_driver("/bin/false", path)
+    option, written = file.arguments_with_parameters(tmp_path / "logs")
+    assert option == "--params-file"
+    assert yaml.safe_load(Path(written).read_text()) == {
+        "/**": {"ros__parameters": {"block_length": 7, "motor.rate": 2.0}}
+    }
+
+
+@pytest.mark.parametrize(
+    ("driver", "text", "error"),
+    [
+        ("/bin/false", "a: [1", "does not parse"),
+        ("/bin/false", "just text", "is not a mapping"),
+        ("/bin/false", "{a: {ros__parameters: {x: 1}}, b: {x: 2}}", "of several nodes"),
+        ("/bin/false", "{space: {a: {ros__parameters: {x: 1}}}}", "more than the name of one"),
+        ("virtual", "a: [1", "does not parse"),
+        ("virtual", "{block_length: 7}", "names no node of the virtual driver"),
+        ("virtual", "{rig: {ros__parameters: {x: 1}}}", "virtual driver, got 'rig'"),
+    ],
+)
+def test_parameters_that_no_node_would_take_are_refused(
+    tmp_path: Path, driver: str, text: str, error: str
+) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=error):
+        find_driver(driver, path)
+
+
+@pytest.mark.parametrize("name", ["/**", "plant", "/stand/force_sensor"])
+def test_file_for_the_virtual_driver_is_passed_as_it_is(tmp_path: Path, name: str) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text(f"{name}: {{ros__parameters: {{x: 1}}}}")
+    for file in find_driver("virtual", path):
+        assert file.arguments_with_parameters(tmp_path) == ("--params-file", str(path))
