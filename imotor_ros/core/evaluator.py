@@ -288,6 +288,8 @@ class RunEvaluator:
 
 
 def _grid_of(program: DriveProgram) -> tuple[PeriodGrid | None, str]:
+    if all(segment.label != "hold" for segment in program.segments):
+        return None, "the run has no steady drive"
     try:
         return PeriodGrid.of_program(program), ""
     except BadInputError as error:

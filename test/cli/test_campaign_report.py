@@ -94,6 +94,36 @@ def test_run_without_bag_says_so_and_the_other_is_shown(page: str) -> None:
     assert sum("rod (grey)" in str(one["title"]) for one in figures_of(page)) == 1
 
 
+def test_run_of_stepped_sine_has_no_empty_comparison(tmp_path: Path) -> None:
+    """Nor whose friction models have that predict nothing, nor the error of a search."""
+    campaign = campaign_from_mapping(
+        {
+            "name": "steps",
+            "point": {
+                "report_interval": 0.0,
+                "drive": {"kind": "stepped_sine", "frequency": 2000.0, "steps": 2},
+            },
+        }
+    )
+    with SimBench() as bench:
+        for _ in run_campaign(campaign, bench, tmp_path):
+            pass
+    write_report(tmp_path)
+    page = (tmp_path / REPORT_NAME).read_text(encoding="utf-8")
+    assert "no waveforms: the run has no steady drive; see identify-friction BAG" in page
+    assert "no such segment" not in page
+    assert "Measurement beside the models" not in page
+    assert 'class="legend"' not in page
+    assert "Friction of the models" not in page
+    assert "completed" in page
+
+
+def test_page_names_the_friction_of_models_that_predict(page: str) -> None:
+    assert "Measurement beside the models" in page
+    assert 'class="legend"' in page
+    assert "The models have the friction that the paper identified." in page
+
+
 def test_table_holds_every_indicator_to_the_last_digit(output: Path) -> None:
     with (output / TABLE_NAME).open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Generator, Mapping
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -124,6 +124,10 @@ def read_waveforms(path: Path) -> Waveforms:
     try:
         with RunBag(path, allow_damaged=True) as bag:
             program = bag.program
+            labels = [segment.label for segment in program.segments]
+            if "hold" not in labels:
+                found = bag.facts.provenance or {}
+                return Waveforms({}, {}, bag.end_state, found, _no_hold(labels))
             signals = _samples(bag, program.length)
             window = None if bag.damage else bag.performance.window(FREE_RUN)
             first = window.start if window else program.span("hold")[0]
@@ -139,6 +143,12 @@ def read_waveforms(path: Path) -> Waveforms:
             )
     except ImotorError as error:
         return Waveforms(problem=str(error))
+
+
+def _no_hold(labels: Sequence[str]) -> str:
+    """Return why nothing is shown of a run with these segments."""
+    more = "; see identify-friction BAG" if "step 1" in labels else ""
+    return f"the run has no steady drive{more}"
 
 
 def _samples(bag: RunBag, length: int) -> dict[str, Array]:

@@ -110,6 +110,8 @@ def _conclusions(conclusions: Sequence[Mapped]) -> str:
 def _comparison(results: Mapped, figures: list[Figure]) -> str:
     points = results["campaign"]["points"]
     panels = "\n".join(_plots(comparison_figures(results), figures))
+    if not panels:
+        return ""
     numbers = sorted({p["signal"]["harmonics"] for p in points})
     keys = "".join(
         f'<span style="color: var(--tone-{tone_of(points, n)})"><i></i>n = {n}</span>'
@@ -131,6 +133,8 @@ def _friction(results: Mapped, figures: list[Figure]) -> str:
     """Return whose friction the models have."""
     found = results.get("identifications") or []
     if not found:
+        if not any(point["predictions"] for point in results["points"]):
+            return ""
         laws = (results.get("models") or {}).get("laws") or {}
         rows = "".join(_law_row(_MODEL_LAWS.get(k, k), law, {}) for k, law in laws.items())
         text = "The models have the friction that the paper identified."
