@@ -36,7 +36,7 @@ ARGUMENTS = (
     ("driver", VIRTUAL, "executable, or package/executable, in the virtual motor's place"),
     ("params_file", "", "ROS parameter file for the nodes"),
     ("bag", "", "folder of the bag, new; if empty, the run id below the present folder"),
-    ("activate", "true", "whether the nodes are configured and activated"),
+    ("activate", "true", "whether the nodes are configured and activated: true or false"),
 )
 
 
@@ -55,7 +55,10 @@ def start_stand(context: LaunchContext) -> list[object]:
     driver = given["driver"]
     roles = graph.VIRTUAL_STAND if driver == VIRTUAL else graph.stand_with(driver)
     nodes = [make_node(role, roles, given) for role in roles]
-    if given["activate"] != "true":
+    wants_active = given["activate"].lower()
+    if wants_active not in ("true", "false"):
+        raise ValueError(f"activate: expected true or false, got {given['activate']!r}")
+    if wants_active == "false":
         return list(nodes)
     return [action for node in nodes for action in (*transitions(node), node)]
 
@@ -75,8 +78,17 @@ def make_node(
         parameters=parameters,
         remappings=list(role.remappings.items()),
         output="screen",
-        on_exit=Shutdown(reason=f"{role.name} has ended"),
+        on_exit=OpaqueFunction(function=end_stand, args=[role.name]),
     )
+
+
+_has_ended: list[str] = []
+
+
+def end_stand(_context: LaunchContext, name: str) -> list[object]:
+    """Return what ends the launch when the first node does: a stand without it is of no use."""
+    _has_ended.append(name)
+    return [Shutdown(reason=f"{name} has ended")] if len(_has_ended) == 1 else []
 
 
 def node_parameters(

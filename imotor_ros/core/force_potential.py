@@ -32,6 +32,9 @@ _MOST_PERIODS = 32_000
 _FLATNESS = 0.01
 _MEASURED_FLATNESS = 0.03
 _FEWEST_ON_PLATEAU = 3
+
+# Stiffer than any spring or stop: slider and rod themselves have some 1e8 N/m.
+_STIFFEST = 1e9
 _REFINEMENTS = 24
 _BISECTIONS = 30
 
@@ -138,8 +141,11 @@ def spring_force(
         If the stiffness is not positive.
 
     """
-    if not (math.isfinite(stiffness) and stiffness > 0.0):
-        raise BadInputError("is out of bounds", where="stiffness", value=stiffness, bound="> 0 N/m")
+    if not 0.0 < stiffness <= _STIFFEST:
+        raise BadInputError(
+            "is out of bounds", where="stiffness", value=stiffness,
+            bound=f"> 0 and <= {_STIFFEST:g} N/m",
+        )  # fmt: skip
     load = LoadParameters.free().replace(spring_stiffness=float(stiffness))
     if pushes_only:
         load = LoadParameters(
@@ -214,7 +220,8 @@ def find_plateau(forces: Sequence[SpringForce], flatness: float = _FLATNESS) -> 
         flat = longer
     if len(flat) < _FEWEST_ON_PLATEAU:
         return Estimate(
-            reason=f"the forces on the softest springs do not agree within {flatness:.0%}"
+            reason=f"the forces on {len(flat)} of the softest springs agree within {flatness:.0%}, "
+            f"at least {_FEWEST_ON_PLATEAU} are needed: give more or softer ones"
         )
     return Estimate(float(np.median(flat)), 0.5 * (max(flat) - min(flat)))
 

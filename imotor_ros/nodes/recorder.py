@@ -205,7 +205,7 @@ class RecorderNode(StandNode[RecorderParameters]):
             self._publish_state("FAILED", role.program, role.path, error=str(error), **counts)
             self.set_fault(str(error))
         else:
-            self._publish_state("CLOSED", role.program, role.path, **counts)
+            self._publish_state("CLOSED", role.program, role.path, error=reason, **counts)
 
     def _publish_state(self, state: str, program: DriveProgram, path: Path, **details: Any) -> None:
         assert self._state is not None

@@ -459,10 +459,10 @@ class SignalGeneratorNode(StandNode[SignalGeneratorParameters]):
 
 
 def _conclude(goal: ServerGoalHandle, outcome: str) -> None:
-    """Bring a goal into the state that its outcome asks for."""
+    """Bring a goal into the state that its outcome asks for; one that was stopped is aborted."""
     if outcome == CANCELLED and goal.is_cancel_requested:
         goal.canceled()
-    elif outcome in (COMPLETED, CANCELLED):
+    elif outcome == COMPLETED:
         goal.succeed()
     else:
         goal.abort()

@@ -154,7 +154,7 @@ class StandClient:
                 raise BadInputError(
                     "is taken by a stand that is running",
                     where=f"namespace {self._namespace}",
-                    value=", ".join(sorted(others)),
+                    value=", ".join(sorted(others - {self.node.get_name()} or others)),
                     bound="another --namespace, or another ROS_DOMAIN_ID",
                 )
 

@@ -15,6 +15,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.context import Context
 from rclpy.duration import Duration
+from rclpy.exceptions import ParameterException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.publisher import Publisher
@@ -478,10 +479,10 @@ def run_node(factory: Callable[..., StandNode[Any]], arguments: list[str] | None
     try:
         join_graph(context, sys.argv if arguments is None else arguments)
         node = factory(context=context)
-    except ImotorError as error:
+    except (ImotorError, ParameterException) as error:
         sys.stderr.write(f"error: {error}\n")
         context.try_shutdown()
-        return 2 if isinstance(error, BadInputError) else 1
+        return 2 if isinstance(error, BadInputError | ParameterException) else 1
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
     try:

@@ -71,7 +71,7 @@ def test_plateau_takes_the_softest_springs_that_agree() -> None:
     plateau = find_plateau(forces)
     assert plateau.value == 1.0
     assert plateau.uncertainty == pytest.approx(0.003)
-    assert "do not agree" in find_plateau(forces[1:]).reason
+    assert "at least 3 are needed" in find_plateau(forces[1:]).reason
 
 
 def test_motor_that_does_not_move_forward_has_no_stall_force() -> None:
@@ -149,7 +149,7 @@ def test_measured_plateau_and_critical_stiffness_have_the_uncertainty_of_the_for
 
 def test_measured_forces_without_plateau_or_drop_say_so() -> None:
     plateau, critical = evaluate_measured(measured(0.1, 0.2, 0.3))
-    assert "do not agree within 3%" in plateau.reason
+    assert "agree within 3%, at least 3 are needed" in plateau.reason
     assert critical.reason.startswith("there is no plateau")
     missing = MeasuredForce(1e6, Estimate(reason="out of range"))
     plateau, critical = evaluate_measured([*measured(0.2, 0.2, 0.2), missing])

@@ -99,6 +99,7 @@ class PlantRole:
             flags=int(SampleFlag.RAMPED_DOWN),
             samples=_ramp(self.voltage, rate),
         )
+        self.voltage = 0.0
         return self._drive(block, block.flags)
 
     def _drive(self, block: SampleBlock, flags: int) -> PlantOutput:
