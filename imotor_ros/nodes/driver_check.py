@@ -201,7 +201,7 @@ class DriverCheck:
                 yield stage.text
                 stage.scenario()
         except (CheckAborted, NodeDiedError, DeadlineError) as error:
-            self.unreached = str(error).splitlines()[0]
+            self.unreached = str(error).partition("; its last lines:")[0].splitlines()[0]
             if not isinstance(error, CheckAborted):
                 self.findings.fails(self._stage.requirement, f"{self._stage.text}: {error}")
         finally:

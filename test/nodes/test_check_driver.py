@@ -64,6 +64,8 @@ def test_program_that_is_no_driver_fails_by_how_it_ended(
     failed = {one["id"]: one for one in content["requirements"] if one["verdict"] == "fail"}
     assert list(failed) == ["L1"]
     assert "node driver ended during the run (exit code 1)" in failed["L1"]["evidence"]
+    unreached = {one["evidence"] for one in content["requirements"] if one["id"] != "L1"}
+    assert unreached == {"not reached: node driver ended during the run (exit code 1)"}
     suite = ElementTree.parse(junit).getroot().find("testsuite")
     assert suite is not None
     assert suite.get("failures") == "1"
