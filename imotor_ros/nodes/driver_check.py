@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -313,10 +313,22 @@ class DriverCheck:
         wrong = {node: state for node, state in self._states().items() if state != wanted}
         what = _NAMES[transition]
         if wrong:
-            text = f"did not {what}: {_listed(wrong)}"
+            text = f"did not {what}: {_listed(wrong)}; {self._reason_of(wrong)}"
             self.findings.fails("L2", text)
             raise CheckAborted(text)
         self.findings.passes("L2", f"{what} in {time.monotonic() - began:.1f} s")
+
+    def _reason_of(self, nodes: Iterable[str]) -> str:
+        """Return what nodes that did not take a transition say in /diagnostics."""
+        names = list(nodes)
+
+        def told() -> list[str]:
+            status = self._probe.status_of(names)
+            return [" ".join(text.split()) for is_error, text in status if is_error and text]
+
+        self._probe.waits_for(told, _DIAGNOSTICS_TIME)
+        found = told()
+        return f"/diagnostics: {'; '.join(found)}" if found else "no error in /diagnostics"
 
     def _refuse_in_unconfigured(self) -> None:
         self._expect_refusal(ACTIVATE, "unconfigured")

@@ -145,3 +145,10 @@ def test_file_for_the_virtual_driver_is_passed_as_it_is(tmp_path: Path, name: st
     path.write_text(f"{name}: {{ros__parameters: {{x: 1}}}}")
     for file in find_driver("virtual", path):
         assert file.arguments_with_parameters(tmp_path) == ("--params-file", str(path))
+
+
+def test_driver_that_cannot_configure_fails_with_its_reason(check_driver: Check) -> None:
+    results = check_driver("player", path="/nowhere/bag")
+    failed = verdicts(results, Verdict.FAIL)
+    assert list(failed) == ["L2"]
+    assert "/diagnostics: cannot configure: /nowhere/bag: does not exist" in failed["L2"]
