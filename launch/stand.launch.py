@@ -18,7 +18,7 @@ from launch.actions import (
     RegisterEventHandler,
     Shutdown,
 )
-from launch.event_handlers import OnProcessStart
+from launch.event_handlers import OnProcessStart, OnShutdown
 from launch.events import matches_action
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
@@ -46,7 +46,8 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(name, default_value=default, description=text)
         for name, default, text in ARGUMENTS
     ]
-    return LaunchDescription([*declared, OpaqueFunction(function=start_stand)])
+    ending = RegisterEventHandler(OnShutdown(on_shutdown=[OpaqueFunction(function=note_ending)]))
+    return LaunchDescription([*declared, ending, OpaqueFunction(function=start_stand)])
 
 
 def start_stand(context: LaunchContext) -> list[object]:
@@ -82,13 +83,18 @@ def make_node(
     )
 
 
-_has_ended: list[str] = []
+_endings: list[str] = []
+
+
+def note_ending(_context: LaunchContext) -> None:
+    """Note that the launch is about to end."""
+    _endings.append("launch")
 
 
 def end_stand(_context: LaunchContext, name: str) -> list[object]:
     """Return what ends the launch when the first node does: a stand without it is of no use."""
-    _has_ended.append(name)
-    return [Shutdown(reason=f"{name} has ended")] if len(_has_ended) == 1 else []
+    _endings.append(name)
+    return [Shutdown(reason=f"{name} has ended")] if len(_endings) == 1 else []
 
 
 def node_parameters(

@@ -25,7 +25,7 @@ STAND_INS = {
     "launch.actions": [
         "DeclareLaunchArgument", "EmitEvent", "OpaqueFunction", "RegisterEventHandler", "Shutdown",
     ],
-    "launch.event_handlers": ["OnProcessStart"],
+    "launch.event_handlers": ["OnProcessStart", "OnShutdown"],
     "launch.events": ["matches_action"],
     "launch.substitutions": ["LaunchConfiguration"],
     "launch_ros": [],
@@ -93,3 +93,23 @@ def test_driver_takes_the_place_of_plant_and_instruments(launch_file: dict[str, 
     assert nodes[1].named["parameters"][0] == "rig.yaml"
     assert nodes[3].named["parameters"][-1]["has_truth"] is False
     assert handlers == []
+
+
+def test_launch_ends_with_the_first_node_that_does_and_only_once(
+    launch_file: dict[str, Any],
+) -> None:
+    ends = [launch_file["end_stand"](None, name) for name in ("plant", "recorder")]
+    assert [len(actions) for actions in ends] == [1, 0]
+    assert ends[0][0].named["reason"] == "plant has ended"
+
+
+def test_end_of_the_launch_is_asked_for_no_second_time(launch_file: dict[str, Any]) -> None:
+    launch_file["note_ending"](None)
+    assert launch_file["end_stand"](None, "plant") == []
+
+
+def test_activate_takes_true_or_false_only(launch_file: dict[str, Any]) -> None:
+    assert started(launch_file, activate="False")[1] == []
+    assert started(launch_file, activate="True")[1]
+    with pytest.raises(ValueError, match="expected true or false, got 'perhaps'"):
+        started(launch_file, activate="perhaps")
