@@ -91,7 +91,7 @@ def test_plant_goes_to_zero_by_itself_without_a_jump() -> None:
         assert block is not None
         before = plant.process(block)
     assert plant.is_voltage_on
-    last = {one.stream: one for one in before.blocks}
+    last, voltage = {one.stream: one for one in before.blocks}, plant.voltage
     for after in plant.ramp_down().blocks:
         previous = last[after.stream]
         assert after.first_index == previous.end_index == plant.consumed
@@ -103,7 +103,8 @@ def test_plant_goes_to_zero_by_itself_without_a_jump() -> None:
             assert np.abs(np.diff(after.samples)).max() < steepest, "the monitor's filter follows"
             assert np.abs(np.diff(after.samples[100:])).max() < 0.05, "80 V in 10 000 samples"
             assert abs(after.samples[-100:].mean()) < 0.1, "zero, but for the monitor's offset"
-            assert abs(after.samples[0] - plant.voltage) < 10 * steepest, "the monitor is late"
+            assert abs(after.samples[0] - voltage) < 10 * steepest, "the monitor is late"
+    assert plant.voltage == 0.0, "what the operator is shown"
 
 
 def test_voltage_is_off_before_and_after_a_program() -> None:
