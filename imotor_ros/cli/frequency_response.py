@@ -16,7 +16,7 @@ from imotor_ros.campaign.measurement import measure, setting_of
 from imotor_ros.cli.motor_stand import add_stand_arguments, follow, new_folder, open_bench, plan_for
 from imotor_ros.cli.output import print_json, table
 from imotor_ros.cli.response_picture import draw_response
-from imotor_ros.core.response import MeasuredResponse
+from imotor_ros.core.response import LEAST_COHERENCE, MeasuredResponse
 from imotor_ros.core.response_measurement import ResponseParameters, measure_response
 
 RESULT_NAME = "response.json"
@@ -67,12 +67,14 @@ def run(options: argparse.Namespace) -> int:
         "offset": plan.parameters.to_mapping()["drive"]["offset"],
         **response.to_mapping(),
     }
-    files = _write(content, response, folder)
+    files, warnings = _write(content, response, folder), _warnings(response)
     if options.json:
-        print_json({**content, "output": str(folder), "files": files})
+        print_json({**content, "output": str(folder), "files": files, "warnings": warnings})
     else:
         print(_text(response))
         print(f"\nresult: {files['result']}\npicture: {files['picture']}")
+        for text in warnings:
+            print(f"warning: {text}")
     return 0
 
 
@@ -83,6 +85,16 @@ def _write(content: dict[str, object], response: MeasuredResponse, folder: Path)
     result.write_text(json.dumps(content, indent=1, allow_nan=False) + "\n", encoding="utf-8")
     draw_response(response, picture)
     return {"result": str(result), "picture": str(picture), "bags": str(folder / "trials")}
+
+
+def _warnings(response: MeasuredResponse) -> list[str]:
+    """Return what a user must know before relying on a response."""
+    low = [one for one in response.coherences if one < LEAST_COHERENCE]
+    if not low:
+        return []
+    count = f"{len(low)} of {len(response.coherences)} frequencies"
+    text = f"coherence below {LEAST_COHERENCE:g} at {count}, lowest {min(low):.4g}"
+    return [f"{text}: no basis for a voltage there"]
 
 
 def _text(response: MeasuredResponse) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import re
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from imotor_ros.bag.reader import RunBag
+from imotor_ros.cli import frequency_response, motor_stand
 from imotor_ros.cli.main import main
 from imotor_ros.core.response import MeasuredResponse
 
@@ -55,11 +57,28 @@ def test_response_is_printed_and_written(
     )
     assert told["gains"][0] == pytest.approx(0.164e-6, rel=0.03)
     assert min(told["coherences"]) > 0.9999
+    assert told["warnings"] == []
     assert told["offset"] == 50.0
     assert (folder / "response.png").read_bytes().startswith(b"\x89PNG")
     for name in ("probe-1", "sweep-1"):
         with RunBag(folder / "trials" / name / "bag") as bag:
             assert bag.end_state == "completed"
+
+
+def test_low_coherence_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = motor_stand.follow
+
+    def follow(events: Any) -> MeasuredResponse:
+        found: MeasuredResponse = original(events)
+        return dataclasses.replace(found, coherences=(0.9, 0.5, 1.0, 0.25, 1.0, 1.0))
+
+    monkeypatch.setattr(frequency_response, "follow", follow)
+    warning = "coherence below 0.9 at 2 of 6 frequencies, lowest 0.25: no basis for a voltage there"
+    assert run_json(capsys, *response("--output", str(tmp_path / "a")))["warnings"] == [warning]
+    assert main(response("--output", str(tmp_path / "b"))) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == f"warning: {warning}"
 
 
 def test_response_of_another_motor_swings_about_the_middle_of_its_range(
