@@ -74,6 +74,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Carry out the campaign and print its results."""
+    if not options.dry_run:
+        _jobs(options)  # a large campaign takes time to plan
     campaign = load_campaign(options.campaign)
     if options.dry_run:
         return show_forecast(campaign, as_json=options.json)
@@ -194,7 +196,7 @@ def carry_out(
     """Carry out a campaign, showing progress, and return the results of its points."""
     results: tuple[PointResult, ...] = ()
     try:
-        made, jobs = make_bench(options.bench, output, options.namespace), _jobs(options)
+        jobs, made = _jobs(options), make_bench(options.bench, output, options.namespace)
     except BadInputError:
         _remove_empty(output)
         raise

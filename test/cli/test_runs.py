@@ -280,6 +280,9 @@ def test_namespace_is_for_nodes(imotor: Imotor, campaign_file: Path, tmp_path: P
         )
         assert answer.code == 2
         assert "--jobs: is out of bounds" in answer.error
+        assert not (tmp_path / "out").exists()
+    answer = imotor("run", tmp_path / "missing.yaml", "--bench", "sim", "--jobs", 0)
+    assert "--jobs: is out of bounds" in answer.error, "before the campaign is read"
 
 
 # ---- progress ------------------------------------------------------------------------------------
