@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from imotor_ros.bag.reader import RunBag
 from imotor_ros.cli.friction_option import friction_law
 from imotor_ros.cli.main import main
 from imotor_ros.core.friction import FrictionLaw
@@ -128,6 +129,26 @@ def test_file_that_is_no_bag_is_refused(imotor: Imotor, tmp_path: Path) -> None:
         answer = imotor("identify-friction", tmp_path / name, "--output", tmp_path / "out")
         assert answer.code == 2
         assert name in answer.error
+
+
+def test_bag_that_does_not_tell_the_mass_wants_to_be_told(
+    identified: Path, imotor: Imotor, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(RunBag, "run_info", {})  # as a rig's driver may leave it
+    bag = identified / "run" / "bag"
+    answer = imotor("identify-friction", bag, "--output", tmp_path / "none")
+    assert answer.code == 2
+    assert "slider mass: is unknown" in answer.error
+    assert "--mass" in answer.error
+    told = imotor(
+        "identify-friction", bag, "--mass", 13.84e-3, "--output", tmp_path / "told", "--json"
+    )
+    true = json.loads((identified / "identification.json").read_text())
+    assert told.code == 0
+    found, known = (
+        one["laws"]["velocity"]["estimates"]["sliding_force"]["value"] for one in (told.json, true)
+    )
+    assert found == pytest.approx(2.0 * known, rel=1e-3), "the force is mass times acceleration"
 
 
 @pytest.mark.parametrize(
