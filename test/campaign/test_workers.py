@@ -73,7 +73,8 @@ def test_closing_lets_the_tasks_close_what_they_have_open(square: Any, tmp_path:
     begun = set()
     for one in steps:
         assert isinstance(one, Advanced)
-        begun.add(one.task.number)
+        if one.event == "still":  # what has to be closed is open
+            begun.add(one.task.number)
         if len(begun) == 2:
             break
     steps.close()
