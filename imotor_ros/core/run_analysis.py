@@ -45,9 +45,6 @@ _MOST_VELOCITY_DECAY = 0.01
 # Share of the ripple that the bandwidth may hide before the reader is warned.
 _MUCH_HIDDEN = 0.05
 
-# From the width of a one-sided uniform distribution to a standard uncertainty about its end.
-_ONE_SIDED = 1.0 / math.sqrt(3.0)
-
 _LIMITS = {
     SampleFlag.VOLTAGE_CLIPPED: "the amplifier clipped the voltage",
     SampleFlag.SLEW_LIMITED: "the amplifier limited the slew rate of the voltage",
@@ -258,7 +255,10 @@ class RunAnalysis:
             power *= effective.value
             scatter = scatter - mean / effective.value * effective.per_period
             hidden = effective.hidden_share(self._bandwidth_ratio(name))
-            parts += [view.channel(name).gain_uncertainty * mean, hidden * _ONE_SIDED * mean]
+            parts += [
+                view.channel(name).gain_uncertainty * mean,
+                hidden * waveforms.ONE_SIDED * mean,
+            ]
         return abs(mean) / power, math.hypot(standard_error(scatter), *parts) / power
 
     def _effective_value(self, name: str, rows: Selection) -> waveforms.Effective:

@@ -54,7 +54,7 @@ _FARTHEST_REACH = 0.125
 _LOSS_DOUBT = 0.3
 
 # Standard deviation of a value that lies anywhere between zero and a bound, from zero.
-_ONE_SIDED = 1.0 / math.sqrt(3.0)
+ONE_SIDED = 1.0 / math.sqrt(3.0)
 
 # Weight of the crossed value of the peak-to-peak value, relative to the direct one. Over triangles
 # and sines, with and without low-pass, of 13 to 400 periods' worth of noise, this leaves a bias of
@@ -221,7 +221,7 @@ def peak_to_peak(
     else:
         steps = min(steps, fine.size // 4)
         loss = _CORNER_LOSS * (_bend(fine, high, steps) + _bend(fine, low, steps))
-        doubt = loss * _ONE_SIDED
+        doubt = loss * ONE_SIDED
     return Extremes(
         value=value,
         per_period=project(waveforms, selection, coarsen_weights(weights, harmonics, points)),

@@ -56,19 +56,16 @@ from imotor_ros.core.drive import DriveProgram, Ending
 from imotor_ros.errors import DeadlineError, NodeDiedError
 from imotor_ros.nodes.driver_nodes import DriverProcesses
 from imotor_ros.nodes.driver_probe import DriverProbe
+from imotor_ros.nodes.stand_client import (
+    ACTIVATE,
+    CLEAN_UP,
+    CONFIGURE,
+    DEACTIVATE,
+    TRANSITION_NAMES,
+)
 
-CONFIGURE = Transition.TRANSITION_CONFIGURE
-CLEAN_UP = Transition.TRANSITION_CLEANUP
-ACTIVATE = Transition.TRANSITION_ACTIVATE
-DEACTIVATE = Transition.TRANSITION_DEACTIVATE
 SHUTDOWN = Transition.TRANSITION_UNCONFIGURED_SHUTDOWN
 
-_NAMES = {
-    CONFIGURE: "configure",
-    CLEAN_UP: "clean up",
-    ACTIVATE: "activate",
-    DEACTIVATE: "deactivate",
-}
 _TARGETS = {
     CONFIGURE: "inactive",
     CLEAN_UP: "unconfigured",
@@ -311,7 +308,7 @@ class DriverCheck:
         self._probe.change(self._nodes, transition, self._deadlines.transition)
         wanted = _TARGETS[transition]
         wrong = {node: state for node, state in self._states().items() if state != wanted}
-        what = _NAMES[transition]
+        what = TRANSITION_NAMES[transition]
         if wrong:
             text = f"did not {what}: {_listed(wrong)}; {self._reason_of(wrong)}"
             self.findings.fails("L2", text)
@@ -340,7 +337,7 @@ class DriverCheck:
         answers = self._probe.change(self._nodes, transition, self._deadlines.transition)
         states = self._states()
         done = [node for node, is_done in answers.items() if is_done or states[node] != state]
-        text = f"{_NAMES[transition]} while {state}"
+        text = f"{TRANSITION_NAMES[transition]} while {state}"
         defects = [f"{node} accepts to {text}" for node in done]
         self.findings.judge("L3", defects, f"refuses to {text}, and stays")
 

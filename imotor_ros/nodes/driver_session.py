@@ -14,10 +14,7 @@ from imotor_ros.errors import BadInputError
 from imotor_ros.nodes.driver_check import Deadlines, DriverCheck
 from imotor_ros.nodes.driver_nodes import DriverProcesses, find_driver
 from imotor_ros.nodes.driver_probe import DriverProbe
-from imotor_ros.nodes.namespace_claim import NamespaceClaim
-
-_DISCOVERY_TIME = 1.0
-"""Time (s) in which nodes on this host find each other, with some to spare."""
+from imotor_ros.nodes.namespace_claim import DISCOVERY_TIME, NamespaceClaim, namespace_taken
 
 _PEERS = (graph.SIGNAL_GENERATOR.name, graph.EVALUATOR.name, graph.RECORDER.name)
 
@@ -94,7 +91,7 @@ def driver_check(
 
 
 def _nodes_found(probe: DriverProbe, namespace: str) -> list[str]:
-    probe.spin_for(_DISCOVERY_TIME)
+    probe.spin_for(DISCOVERY_TIME)
     inside = namespace.rstrip("/")
     pairs = probe.node.get_node_names_and_namespaces()
     own = probe.node.get_name()
@@ -103,10 +100,8 @@ def _nodes_found(probe: DriverProbe, namespace: str) -> list[str]:
 
 def _refuse_occupied(found: list[str], namespace: str) -> None:
     if found:
-        raise BadInputError(
-            "is taken by a stand that is running", where=f"namespace {namespace}",
-            value=", ".join(found), bound="another --namespace, or --running to check its nodes",
-        )  # fmt: skip
+        way_out = "--running to check its nodes"
+        raise namespace_taken(namespace, ", ".join(found), way_out)
 
 
 def _running_nodes(probe: DriverProbe, found: list[str], namespace: str) -> list[str]:

@@ -8,11 +8,9 @@ from rclpy.task import Future
 
 from imotor_ros.campaign.bench import ExcitationAdvanced
 from imotor_ros.contracts.excitation_messages import excitation_from_message, refusal_from_message
+from imotor_ros.contracts.outcomes import CANCELLED, COMPLETED
 from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.errors import ExcitationError, StoppedError
-
-COMPLETED = "completed"
-CANCELLED = "cancelled"
 
 
 class ExcitationSearch:

@@ -12,6 +12,9 @@ from typing import TextIO
 
 from imotor_ros.errors import BadInputError
 
+DISCOVERY_TIME = 1.0
+"""Time (s) in which nodes on this host find each other, with some to spare."""
+
 
 class NamespaceClaim:
     """
@@ -43,12 +46,7 @@ class NamespaceClaim:
             self._file.seek(0)
             holder = self._file.read().strip()
             self._file.close()
-            raise BadInputError(
-                "is taken by a stand that is running",
-                where=f"namespace {namespace.rstrip('/')}",
-                value=holder or "unknown process",
-                bound="another --namespace, or another ROS_DOMAIN_ID",
-            ) from None
+            raise namespace_taken(namespace, holder or "unknown process") from None
         with suppress(OSError):  # a full disk: the lock holds without a name in it
             self._file.truncate(0)
             self._file.write(f"process {os.getpid()}")
@@ -59,6 +57,18 @@ class NamespaceClaim:
         if self._file is not None:
             with suppress(OSError):
                 self._file.close()
+
+
+def namespace_taken(
+    namespace: str, holder: str, way_out: str = "another ROS_DOMAIN_ID"
+) -> BadInputError:
+    """Return the error of a namespace that somebody else has."""
+    return BadInputError(
+        "is taken by a stand that is running",
+        where=f"namespace {namespace.rstrip('/')}",
+        value=holder,
+        bound=f"another --namespace, or {way_out}",
+    )
 
 
 def _lock_file(namespace: str) -> TextIO | None:

@@ -20,6 +20,7 @@ from imotor_ros.campaign.plan import RunPlan
 from imotor_ros.contracts import graph
 from imotor_ros.contracts.graph import Role
 from imotor_ros.contracts.messages import performance_from_message
+from imotor_ros.contracts.outcomes import CANCELLED, COMPLETED
 from imotor_ros.contracts.topics import DEFAULT_NAMESPACE
 from imotor_ros.core.correction import Excitation, ExcitationRequest
 from imotor_ros.errors import DriveFaultError, ImotorError, StoppedError
@@ -198,11 +199,11 @@ class RosBench:
     ) -> Iterator[RunEvent]:
         """Yield events until the program is played, evaluated and recorded."""
         yield from self._follow_drive(client, played, plan)
-        if played.outcome == "cancelled":
+        if played.outcome == CANCELLED:
             with suppress(ImotorError):  # the shortened run comes to its regular end
                 client.spin_until(lambda: client.is_recorded, "the bag to be closed", STOP_TIMEOUT)
             raise StoppedError(f"run {plan.program.run_id}")
-        if played.outcome != "completed":
+        if played.outcome != COMPLETED:
             client.check_faults()  # the cause, where the drive was not
             raise DriveFaultError(played.outcome)
         reported = 0

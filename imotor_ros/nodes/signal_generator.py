@@ -26,6 +26,7 @@ from imotor_ros.contracts.excitation_messages import (
     request_from_message,
 )
 from imotor_ros.contracts.messages import program_from_message, program_to_message
+from imotor_ros.contracts.outcomes import CANCELLED, COMPLETED
 from imotor_ros.contracts.topics import (
     CHANNELS,
     DRIVE_PROGRAM,
@@ -50,9 +51,6 @@ from imotor_ros.errors import (
 from imotor_ros.nodes.stand_node import NodeParameters, StandNode, run_node
 from imotor_ros.nodes.stand_state import PULSE_INTERVAL, StatePublisher
 from imotor_ros.nodes.trial_collector import TrialCollector
-
-COMPLETED = "completed"
-CANCELLED = "cancelled"
 
 STOP_PATIENCE = 2.0
 """Longest time (s) in which a stopped program may make no progress; then the driver is told."""

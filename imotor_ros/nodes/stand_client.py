@@ -28,10 +28,11 @@ from imotor_ros.contracts.topics import DIAGNOSTICS, PERFORMANCE, RECORDING, RUN
 from imotor_ros.core.correction import ExcitationRequest
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.parameters import Parameters
-from imotor_ros.errors import BadInputError, DeadlineError, RecordingError, RunError
+from imotor_ros.errors import DeadlineError, RecordingError, RunError
 from imotor_ros.nodes.excitation_search import ExcitationSearch
 from imotor_ros.nodes.message_types import RclpyTypes
 from imotor_ros.nodes.middleware import join_graph
+from imotor_ros.nodes.namespace_claim import DISCOVERY_TIME, namespace_taken
 from imotor_ros.nodes.parameters import parameter_values
 from imotor_ros.nodes.qos import qos_profile
 
@@ -40,7 +41,7 @@ ACTIVATE = Transition.TRANSITION_ACTIVATE
 DEACTIVATE = Transition.TRANSITION_DEACTIVATE
 CLEAN_UP = Transition.TRANSITION_CLEANUP
 
-_TRANSITION_NAMES = {
+TRANSITION_NAMES = {
     CONFIGURE: "configure",
     ACTIVATE: "activate",
     DEACTIVATE: "deactivate",
@@ -53,9 +54,6 @@ _TARGETS = {
     DEACTIVATE: State.PRIMARY_STATE_INACTIVE,
     CLEAN_UP: State.PRIMARY_STATE_UNCONFIGURED,
 }
-
-_DISCOVERY_TIME = 1.0
-"""Time (s) in which nodes on this host find each other, with some to spare."""
 
 _FAULT_TIMEOUT = 2.0
 """Longest wait (s) for the reason of a failed transition."""
@@ -145,18 +143,14 @@ class StandClient:
             If there are nodes in it already.
 
         """
-        deadline = time.monotonic() + _DISCOVERY_TIME
+        deadline = time.monotonic() + DISCOVERY_TIME
         while time.monotonic() < deadline:
             self._executor.spin_once(timeout_sec=0.05)
             found = self.node.get_node_names_and_namespaces()
             others = {name for name, space in found if space.rstrip("/") == self._namespace}
             if others - {self.node.get_name()} or self._has_twin(found):
-                raise BadInputError(
-                    "is taken by a stand that is running",
-                    where=f"namespace {self._namespace}",
-                    value=", ".join(sorted(others - {self.node.get_name()} or others)),
-                    bound="another --namespace, or another ROS_DOMAIN_ID",
-                )
+                holders = sorted(others - {self.node.get_name()} or others)
+                raise namespace_taken(self._namespace, ", ".join(holders))
 
     def _has_twin(self, found: list[tuple[str, str]]) -> bool:
         own = (self.node.get_name(), self.node.get_namespace())
@@ -272,7 +266,7 @@ class StandClient:
 
         """
         request = ChangeState.Request(transition=Transition(id=transition))
-        what = _TRANSITION_NAMES[transition]
+        what = TRANSITION_NAMES[transition]
         answers = self._call(
             ChangeState, "change_state", dict.fromkeys(nodes, request), f"to {what}", timeout
         )

@@ -17,12 +17,11 @@ from imotor_ros.contracts.messages import (
     performance_from_message,
     program_from_message,
 )
+from imotor_ros.contracts.outcomes import CANCELLED, COMPLETED
 from imotor_ros.contracts.topics import Intent, Topic, is_sampled, topic_named
 from imotor_ros.core.drive import DriveProgram
 from imotor_ros.core.indicators import Performance
 
-COMPLETED = "completed"
-CANCELLED = "cancelled"
 ABORTED = "aborted"
 
 

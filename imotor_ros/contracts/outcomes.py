@@ -1,0 +1,4 @@
+"""How a program that was played ends, in words that both sides of an action and a bag know."""
+
+COMPLETED = "completed"
+CANCELLED = "cancelled"
